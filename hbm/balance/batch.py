@@ -26,12 +26,15 @@ from models.rig import Rig
 
 Which = npt.NDArray[np.intp]
 
+MOST_ELEMENTS = 4
+"""Rigs with more elements are solved one by one: what places add to a system grows with the square of their number."""
+
 
 def is_batched(rig: AnyRig) -> TypeGuard[Rig]:
     """Whether records of a rig can be solved together: nonlinear at single places, where alone it may drift."""
     if not isinstance(rig, Rig) or rig.excitation.measured_harmonics:
         return False
-    at_places = all(e.reads is Reading.POINT for e in rig.acting)
+    at_places = len(rig.acting) <= MOST_ELEMENTS and all(e.reads is Reading.POINT for e in rig.acting)
     return at_places and all(is_of_contact(drift.parameter) for drift in rig.drift)
 
 
@@ -241,6 +244,8 @@ class Batch:
 
     def yielding(self, which: Which, motions: Motions, seen: Seen) -> Array:
         """Derivative (R, 2H+1, j, 2H+1, j) of what places give to what they read."""
+        if not self.places:
+            return np.zeros((*motions.T.shape, 0, self.basis.size, 0))
         slopes = []
         for at, (i, Q) in enumerate(zip(which, motions.Q, strict=True)):
             given = self._given[i]

@@ -61,7 +61,7 @@ class Matrices:
         return others
 
     def work_out(self, which: Which, seen: Seen, motions: Motions) -> None:
-        """Those of some records, at their states, which were looked at last."""
+        """Those of some records, at their states."""
         batch, m, first = self.batch, self.m, self.batch.first
         basis, size, k = batch.basis, batch.basis.size, len(which)
         slopes, _ = batch.slopes(seen.signals, which)

@@ -90,6 +90,7 @@ def test_what_can_be_solved_together_is_nonlinear_at_places_alone_and_the_same_i
     assert is_batched(rig)
     assert is_batched(replace(rig, elements=(ImpactStop(1e-4, 1e4, 0.3),)))
     assert is_batched(replace(rig, attachments=Attachments(clamp_stiffness=2e5, clamp_limit=0.3)))
+    assert not is_batched(replace(rig, elements=5 * (ImpactStop(1e-4, 1e4, 0.3),)))
     assert not is_batched(replace(rig, elements=(MidplaneStretching(1.0),)))
     assert not is_batched(replace(rig, contact=replace(rig.contact, lift_off=True)))
     assert is_batched(replace(rig, drift=(Drift("contact.normal_load", 1e-3), Drift("contact.friction.mu", 1e-3))))
