@@ -149,6 +149,20 @@ def test_one_bad_file_of_many_is_named_and_nothing_written(
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("level", "column", "warned"),
+    [("9", "force", 1), ("0.4", "force (N)", 1), ("4", "force", 0), ("9", "force (V)", 0)],
+)
+def test_a_level_far_from_the_force_is_told(level: str, column: str, warned: int, tmp_path: Path) -> None:
+    file, out = history(tmp_path / "a.csv", names=f"{column},a1"), tmp_path / "s.csv"
+    result = run(file, "--fundamental", "50", "--level", level, "--out", str(out))
+    assert result.exit_code == 0 and load_spectra(out).level.tolist() == [float(level)]
+    said = [line for line in result.stdout.splitlines() if "check both and their units" in line]
+    assert len(said) == warned
+    for line in said:
+        assert line.startswith(f"warning: {file}: level = {level} N, where the fundamental of force is 2 N;")
+
+
 def test_what_is_wrong_with_a_record_is_told(tmp_path: Path) -> None:
     file, out = history(tmp_path / "a.csv", decay=4.0), tmp_path / "s.csv"
     result = run(file, "--fundamental", "50", "--out", str(out))

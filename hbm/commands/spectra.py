@@ -23,6 +23,9 @@ COMMAND = "spectra"
 ADVICE = "try fewer or shorter recordings, or a larger --max-seconds"
 FORCE = "force"
 
+FAR_OFF = 4.0
+"""A level is not the force that was measured where they are so many times apart: pounds and newtons are 4.4."""
+
 
 def spectra(
     histories: Annotated[
@@ -114,7 +117,7 @@ def spectra(
         not_negative(COMMAND, "--settle", settle, "s"),
         _columns(channel or ()),
     )
-    from hbm.commands.tables import print_spectra
+    from hbm.commands.tables import print_lines, print_spectra
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.spectrafile import write_spectra
@@ -131,6 +134,7 @@ def spectra(
     known = [_level(e, force) if level is None else level for e, level in zip(estimates, levels, strict=True)]
     write_spectra(out, spectra_of_records(estimates, known, _names(recordings, loaded), str(out)), _units(estimates))
     print_spectra(console(), estimates, known)
+    print_lines(console(), _contradicted(estimates, known, force))
     print_written([out])
 
 
@@ -259,6 +263,20 @@ def _level(estimate: "HarmonicEstimate", force: str) -> float:
             f"{COMMAND}: {estimate.source} has no channel {force} that moves; must have it, or give --level"
         )
     return estimate.amplitude(force)
+
+
+def _contradicted(estimates: Sequence["HarmonicEstimate"], levels: Sequence[float], force: str) -> list[str]:
+    """Warnings of levels far from the force that was measured, as in another unit."""
+    lines = []
+    for e, level in zip(estimates, levels, strict=True):
+        if force in e.channels and e.units.get(force) in ("", "N"):
+            measured = e.amplitude(force)
+            if not level / FAR_OFF <= measured <= level * FAR_OFF:
+                lines.append(
+                    f"warning: {e.source}: level = {level:g} N, where the fundamental of {force} is {measured:.4g} N; "
+                    "check both and their units"
+                )
+    return lines
 
 
 def _names(recordings: Sequence["Recording"], rig: "AnyRig | None") -> list[str]:
