@@ -77,6 +77,12 @@ class ClampOverPeriod:
         by_modes = np.einsum("kn...,n->k...", Q, self.port.row)
         return np.asarray(by_modes + self.port.residual[0] * T + self.port.residual[1] * force)
 
+    def change(self, d: SpringPort, limit: Array, d_force: Array, Q: Array, T: Array, force: Array) -> ClampChange:
+        """Derivatives to p parameters that change the port, the limit (p,) and the excitation (2H+1, p), in a state."""
+        held = Q @ d.row.T + np.outer(T, d.residual[:, 0])
+        held += self.port.residual[1] * d_force + np.outer(force, d.residual[:, 1])
+        return ClampChange(held, d.stiffness, limit)
+
     def motion(self, held: Array, Omega: float) -> ClampMotion:
         """The clamp under a moment if nothing had slid (2H+1,)."""
         signals = np.zeros((self.basis.size, 4))

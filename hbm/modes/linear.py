@@ -287,8 +287,8 @@ def _natural(roots: Complex, unit: float, unheld: int) -> tuple[Array, Array]:
     """Natural frequencies and damping ratios of roots in pairs, the lowest first.
 
     Of motions that no stiffness holds, `unheld` of them, one root is zero, and both where nothing damps them. Real ones
-    make a pair with what is as far from the end of their row: of several modes that do not oscillate the
-    slowest root and the fastest are one.
+    make a pair with what is as far from the end of their row: of several modes that do not oscillate the slowest root
+    and the fastest are one.
     """
     still = np.abs(roots) <= STILL * unit
     turning = roots[~still & (roots.imag > STILL * np.abs(roots))]

@@ -4,9 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.elements import ElementsOverPeriod
+from hbm.balance.elements import ElementChange, ElementsOverPeriod, stacked
 from hbm.fourier import Array
+from hbm.sensitivity.scalars import HZ
+from models.change import elements_change
 from models.elements import ElementRows
+from models.rig import Rig
+
+
+def element_change(rig: Rig, keys: tuple[str, ...], force: Array) -> ElementChange:
+    """Derivatives of the elements of a rig to p numbers, which change the excitation by `force` (2H+1, p)."""
+    own = np.array([[key == name for key in keys] for name in rig.of_elements], dtype=float)
+    Omega = 2 * np.pi * np.array([float(key == HZ) for key in keys])
+    return ElementChange(stacked(elements_change(rig, keys), axis=1), own.reshape(-1, len(keys)), Omega, force)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,11 @@
 import numpy as np
 
 from hbm.aft.force import InputChange
-from hbm.balance.clamp import ClampChange
-from hbm.balance.elements import ElementChange, stacked
 from hbm.balance.problem import Linearization
 from hbm.fourier import Array
-from hbm.sensitivity.elementchange import HeldElements
+from hbm.sensitivity.elementchange import HeldElements, element_change
 from hbm.sensitivity.scalars import FORCE, HZ, LIMIT, LOAD, law_keys
-from models.change import clamp_change, elements_change, structure_change, tone_scalars
+from models.change import clamp_change, structure_change, tone_scalars
 from models.reduction import StructureChange
 
 
@@ -66,24 +64,21 @@ class HeldBalance:
 
     def _elements(self, forces: Array | None) -> HeldElements | None:
         """Change of the forces of the elements, given along their rows (2H+1, r)."""
-        problem, state, keys = self.problem, self.state, self.keys
+        problem, state = self.problem, self.state
         if problem.elements is None or forces is None:
             return None
-        rows = stacked(elements_change(problem.rig, keys), axis=1)
-        own = np.array([[key == name for key in keys] for name in problem.rig.of_elements], dtype=float)
-        moved = ElementChange(rows, own.reshape(-1, len(keys)), 2 * np.pi * self.hz, self.force)
+        moved = element_change(problem.rig, self.keys, self.force)
         change = problem.elements.along(state.Q, state.Omega, state.F * problem.force_shape, moved)
-        return HeldElements(problem.elements, forces, change, rows)
+        return HeldElements(problem.elements, forces, change, moved.rows)
 
     def _slid(self) -> Array:
         """Change of the rotation slid in the clamp, (2H+1, p)."""
         problem, state, d = self.problem, self.state, self.clamp
         if problem.clamp is None or self.motion is None or d is None:
             return np.zeros((problem.basis.size, len(self.keys)))
-        held = self.through(d.row) + np.outer(state.T, d.residual[:, 0])
-        held += problem.clamp.port.residual[1] * self.force + np.outer(problem.force_shape, state.F * d.residual[:, 1])
         limit = np.array([float(key == LIMIT) for key in self.keys])
-        return problem.clamp.along(self.motion, state.Omega, ClampChange(held, d.stiffness, limit))
+        change = problem.clamp.change(d, limit, self.force, state.Q, state.T, state.F * problem.force_shape)
+        return problem.clamp.along(self.motion, state.Omega, change)
 
     def by_slid(self, place: int, slid: Array) -> Array:
         """Change of slip, drive, a channel or the reaction by what is slid beyond the modes, `slid` (2H+1, p)."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.balance.batchednewton import Solved
-from hbm.balance.clamp import ClampChange
-from hbm.balance.elements import ElementChange, stacked
+from hbm.balance.elements import stacked
 from hbm.balance.places import Places
 from hbm.fourier import Array
-from hbm.sensitivity.scalars import HZ, LIMIT
+from hbm.sensitivity.elementchange import element_change
+from hbm.sensitivity.scalars import LIMIT
 from models.change import clamp_change, elements_change
 from models.rig import Rig
 
@@ -55,18 +55,14 @@ class HeldPlaces:
         batch, given = found.batch, found.seen.given
         first, parts = batch.first, [np.zeros((*given.shape[:2], 0, len(keys)))]
         if first.elements is not None:
-            own = np.array([[key == name for key in keys] for name in first.rig.of_elements], dtype=float)
-            Omega = 2 * np.pi * np.array([float(key == HZ) for key in keys])
-            rows = stacked(elements_change(first.rig, keys), axis=1)
-            moved = ElementChange(rows, own.reshape(-1, len(keys)), Omega, force)
+            moved = element_change(first.rig, keys, force)
             states = zip(found.motions.Q, batch.Omega[:, 0].tolist(), batch.force, strict=True)
             parts.append(np.stack([first.elements.along(*state, moved) for state in states]))
         port = clamp_change(first.rig, keys)
         if first.clamp is not None and port is not None:
             limit = np.array([float(key == LIMIT) for key in keys])
-            held = found.motions.Q @ port.row.T + found.motions.T[..., None] * port.residual[:, 0]
-            held += first.clamp.port.residual[1] * force + batch.force[..., None] * port.residual[:, 1]
-            changes = [batch.slid_along(i, ClampChange(h, port.stiffness, limit)) for i, h in enumerate(held)]
+            at = zip(*found.motions, batch.force, strict=True)
+            changes = [batch.slid_along(i, first.clamp.change(port, limit, force, *s)) for i, s in enumerate(at)]
             parts.append(np.stack(changes)[:, :, None])
         change = np.concatenate(parts, axis=2)
         return cls(batch.places, places_change(first.rig, keys), given, change)
