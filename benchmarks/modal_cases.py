@@ -1,6 +1,9 @@
 """Blind cases of structures given by their modes: one hidden effect each, or none, or one wrong number.
 
     python -m benchmarks.modal_cases --seed 1 --count 60 --out /tmp/modal
+    python -m benchmarks.modal_cases --seed 1 --count 30 --out /tmp/measuring --plan measuring
+
+The second has in their place a channel or the force that reads a multiple, and frequencies that drift.
 
 Every structure is a random chain of masses and springs, of which 3 to 8 modes are kept. Its records come from
 `tests/truth/modal.py`, which shares no code with the package. The rig file is a little off in all that is identified
@@ -53,6 +56,7 @@ PLAN = (
     "stop",
     "drag",
 )
+PLANS = {"physics": PLAN, "measuring": ("gain", "force", "drift", "gain", "force", "drift", "null")}
 NAMES = {
     "cubic": "cubic-stiffness",
     "friction": "local-friction",
@@ -61,6 +65,9 @@ NAMES = {
     "spring": "local-spring",
 }
 """What the diagnosis calls each effect. Friction that slides in none of its records is a spring, and nothing else."""
+
+MEASURING = {"gain": "sensor-gain", "force": "sensor-gain", "drift": "drift"}
+"""The same of what is wrong with the measurement."""
 
 MASSES = 12
 BACKGROUND = {"hz": 1e-3, "ratio": 0.1, "shape": 5e-3}
@@ -152,6 +159,11 @@ def draw(kind: str, seed: int) -> Case:
         name, values = ("hz", true.hz) if kind == "frequency" else ("ratio", true.ratio)
         true = replace(true, **{name: np.where(np.arange(len(values)) == i, off * values, values)})
         key = f"modal.frequencies_hz[{i + 1}]" if kind == "frequency" else f"damping.modal_ratios[{i + 1}]"
+    wrong, read = 1.0, ""
+    if kind in ("gain", "force"):
+        sensors = [f"a{name[1:]}" for name in true.rows]
+        read = "force" if kind == "force" else str(rng.choice(sensors))
+        wrong = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(np.log(1.2), np.log(10.0))))
     row = np.zeros(len(true.hz))
     if kind in NAMES:
         names = list(rng.permutation(list(true.rows)))
@@ -162,6 +174,9 @@ def draw(kind: str, seed: int) -> Case:
     of_mode = np.tile(np.repeat([0, 1], first), len(LEVELS))
     per_mode = MOVED * 2.0 * nominal.ratio[:2] * (2 * np.pi * nominal.hz[:2]) ** 2 / np.abs(nominal.rows["p1"][:2])
     force = np.repeat(LEVELS, 2 * first) * per_mode[of_mode]  # both modes are moved alike
+    if kind == "drift":
+        drift = rng.choice([-1.0, 1.0]) * rng.uniform(0.005, 0.03) / (len(hz) - 1)
+        true = replace(true, hz=true.hz * (1.0 + drift * np.arange(len(hz))[:, None]))
     without = steady(true, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
     moved = float(np.abs(np.hypot(without[:, 1], without[:, H + 1]) @ np.abs(row)).max()) if row.any() else 1.0
     effect = hidden(kind, rng, true, row, moved) if at else nothing
@@ -189,17 +204,21 @@ def draw(kind: str, seed: int) -> Case:
         stds[name][:, 1:] = np.sqrt(stds[name][:, 1:] ** 2 + (scatter[:, 1 : H + 1] + scatter[:, H + 1 :]) / 2)
     for name in noisy:  # no mean is measured
         noisy[name][:, 0] = stds[name][:, 0] = np.nan
+    if read:
+        noisy[read], stds[read] = wrong * noisy[read], wrong * stds[read]
     rig = rig_of(nominal)
     spectra = spectra_of(rig, hz, force, noisy, stds)
     beside = apart(null, seen(by_file, nominal))
-    return Case(kind, rig, spectra, at, key, *((beside, 0.0) if key else (apart(clean, null), beside)))
+    return Case(
+        kind, rig, spectra, (read,) if read else at, key, *((beside, 0.0) if key else (apart(clean, null), beside))
+    )
 
 
 def judged(case: Case, d: Diagnosis, cpu_s: float) -> dict[str, object]:
     """What the diagnosis says, beside the truth."""
-    place = tuple(str(d.parameters[name].value) for name in ("at", "to") if name in d.parameters)
+    place = tuple(str(d.parameters[name].value) for name in ("at", "to", "channel") if name in d.parameters)
     place = tuple(p for p in place if p and p != "ground")
-    truth = NAMES.get(case.kind) or (f"parameter:{case.key}" if case.key else None)
+    truth = (NAMES | MEASURING).get(case.kind) or (f"parameter:{case.key}" if case.key else None)
     told = d.json()
     return {
         "kind": case.kind,
@@ -235,7 +254,7 @@ def told(f: dict[str, object]) -> bool:
 
 
 def placed(f: dict[str, object]) -> bool:
-    """Whether the cause that is said first is at the ports of the truth."""
+    """Whether the cause that is said first is at the ports of the truth, or of its channel."""
     return set(f["named_at"]) == set(f["at"])
 
 
@@ -250,15 +269,15 @@ def summary(found: list[dict[str, object]]) -> Iterator[str]:
         yield f"| {kind} | {len(some)} | {counts[0]} | {counts[1]} | {counts[2]} | {cpu:.0f} |"
     yield ""
     nulls = [f for f in found if f["truth"] is None]
-    physics = [f for f in found if f["kind"] in NAMES]
+    physics = [f for f in found if f["kind"] in NAMES | MEASURING]
     named = [f for f in physics if f["cause"]]
     wrong = [f for f in found if f["kind"] in ("frequency", "damping")]
     both = physics + wrong
     mixed = [f for f in both if f["cause"] and (f in wrong) != str(f["cause"]).startswith("parameter:")]
     rates = {
         "nulls with a cause": ([f for f in nulls if f["cause"]], nulls),
-        "physics named first": (list(filter(right, physics)), physics),
-        "physics told": (list(filter(told, physics)), physics),
+        "hidden named first": (list(filter(right, physics)), physics),
+        "hidden told": (list(filter(told, physics)), physics),
         "placed, where a cause was named": (list(filter(placed, named)), named),
         "wrong number named first": (list(filter(right, wrong)), wrong),
         "number and physics told apart": ([f for f in both if f["cause"] and f not in mixed], both),
@@ -274,12 +293,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--count", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--plan", choices=PLANS, default="physics")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     for i in range(len(found), args.count):
-        case = draw(PLAN[i % len(PLAN)], args.seed + i)
+        plan = PLANS[args.plan]
+        case = draw(plan[i % len(plan)], args.seed + i)
         began = time.process_time()
         d = diagnose(case.rig, case.spectra)
         found.append(judged(case, d, time.process_time() - began))

@@ -26,6 +26,9 @@ RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
 GAINS = "excitation.force_gain["
 """Beginning of the keys of forces per unit of what stands for them, by level."""
 
+OF_FORCE = "excitation.channel_gain"
+"""Key of what the force channel reads of the force, where that is asked."""
+
 
 def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     """All numbers of a rig by their keys, with unit and bounds."""
@@ -37,6 +40,8 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     found[FORCE] = rig.excitation.amplitude, Parameter("N", "force amplitude", "")
     gain = Parameter("1", "force per unit of what was measured in its place, at a level", "")
     found |= {f"{GAINS}{i}]": (value, gain) for i, (_, value) in enumerate(rig.excitation.force_gain, 1)}
+    if rig.excitation.channel_gain is not None:
+        found[OF_FORCE] = rig.excitation.channel_gain, Parameter("1", "what the force channel reads of the force", "")
     found |= rig.body.numbers
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)
@@ -85,7 +90,8 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
 
 def _excitation(e: Excitation, values: Mapping[str, float]) -> Excitation:
     gains = tuple((level, values.get(f"{GAINS}{i}]", gain)) for i, (level, gain) in enumerate(e.force_gain, 1))
-    return replace(e, amplitude=values.get(FORCE, e.amplitude), force_gain=gains)
+    of_channel = values.get(OF_FORCE, e.channel_gain)
+    return replace(e, amplitude=values.get(FORCE, e.amplitude), force_gain=gains, channel_gain=of_channel)
 
 
 def _damping(rig: "JointedRig", values: Mapping[str, float]) -> Damping:

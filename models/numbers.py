@@ -80,6 +80,19 @@ class Numbered(Displayed):
         """What drifts, by the keys of the rates."""
         return {f"drift[{i}].rate": drift for i, drift in enumerate(self.drift)}
 
+    def drifted(self, drift: Drift) -> tuple[str, ...]:
+        """Keys of the numbers that drift together: one, or all of a list such as ``modal.frequencies_hz``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        together = tuple(key for key in self.numbers if key.startswith(f"{drift.parameter}["))
+        if not together:
+            self.number(drift.parameter)
+        return together or (drift.parameter,)
+
     @property
     def too_low(self) -> Iterator[tuple[str, str]]:
         """Numbers of a law below another that they must not fall below, and that other."""
@@ -144,7 +157,7 @@ class Numbered(Displayed):
                     f"drift of {drift.parameter}: {factor:g} times its value in record {record}; must be > 0"
                 )
             try:
-                rig = rig.with_number(drift.parameter, rig.number(drift.parameter) * factor)
+                rig = rig.with_numbers({key: rig.number(key) * factor for key in rig.drifted(drift)})
             except NoSuchNumber as unknown:
                 raise ValueError(f"drift: {unknown}") from None
         return replace(rig, drift=()) if rig.drift else rig  # type: ignore[type-var]  # of the dataclasses that inherit

@@ -218,8 +218,9 @@ class Excitation:
     the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
     measured of its force; and unless `settled`, its records were taken before the transient of a start had died out.
     `force_gain` pairs levels with the force per unit of what was measured in its place, such as the voltage of a
-    shaker; it is 1 at levels that are not among them. Nothing but the diagnosis, which has records, minds these three.
-    `at` is a place of a body that names its places.
+    shaker; it is 1 at levels that are not among them. The force channel of records reads `channel_gain` times the force
+    at every level; None where it is not asked what it reads. Nothing but the diagnosis, which has records, minds these
+    four. `at` is a place of a body that names its places.
 
     >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
     -0.2
@@ -232,6 +233,7 @@ class Excitation:
     settled: bool = True
     at: str = ""
     force_gain: tuple[tuple[float, float], ...] = ()
+    channel_gain: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse a negative force, numbers of harmonics that are not, and levels that are given twice."""
@@ -246,10 +248,13 @@ class Excitation:
             bounded(f"Excitation: force_gain[{i}]", gain, 0.0, strict=True)
             if any(alike(level, other) for other, _ in self.force_gain[: i - 1]):
                 raise ValueError(f"excitation.force_gain[{i}]: level {level:g}; must be there once")
+        if self.channel_gain is not None:
+            bounded("Excitation: channel_gain", self.channel_gain, 0.0, strict=True)
 
     def gain(self, level: float) -> float:
         """Force per unit of what was measured in its place, at a level."""
-        return next((gain for own, gain in self.force_gain if alike(own, level)), 1.0)
+        per_unit = next((gain for own, gain in self.force_gain if alike(own, level)), 1.0)
+        return per_unit / (self.channel_gain or 1.0)
 
     @property
     def tones(self) -> tuple[tuple[int, float, float], ...]:
@@ -272,7 +277,7 @@ class Drift:
     Attributes
     ----------
     parameter : str
-        Key of :meth:`models.numbers.Numbered.number`.
+        Key of :meth:`models.numbers.Numbered.number`; or of a list, such as ``modal.frequencies_hz``, all of it.
     rate : float
         Per record.
     """

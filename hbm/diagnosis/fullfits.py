@@ -82,12 +82,12 @@ def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign
     return []
 
 
-def measurable(cause: Cause, campaign: Campaign) -> bool:
-    """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
-    channels = campaign.data.channels
+def measurable(cause: Cause, rig: AnyRig, campaign: Campaign) -> bool:
+    """Whether what was measured of a rig can speak of a cause: its channels, or the harmonics of the force."""
     if isinstance(cause, ForceDistortion):
         return (campaign.data.distorted or 0.0) > DISTORTED
-    return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
+    unseen = {c.name for c in rig.response_channels} - {*campaign.data.channels}
+    return not any(getattr(cause, name, "") in unseen for name in ("channel", "other"))
 
 
 def suits(cause: Cause, rig: AnyRig) -> bool:

@@ -23,7 +23,7 @@ from hbm.outputerror.simulated import FAILURES
 from hbm.parallel import each
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 
 Mask = npt.NDArray[np.bool_]
 
@@ -173,6 +173,11 @@ class _Known:
         """Coefficients of records that have derivatives, (m,)."""
         return self.rows(self.here)
 
+    @cached_property
+    def deviation(self) -> float:
+        """What the model misses of a rig whose modes were identified, rms, in standard deviations; at least 1."""
+        return max(float(np.sqrt(np.mean(self.residual**2))), 1.0) if isinstance(self.rig, JointedRig) else 1.0
+
     @property
     def rig(self) -> AnyRig:
         """The calibrated rig."""
@@ -197,7 +202,7 @@ class _Known:
             return Score(cause, 0.0, 0.0, np.zeros(len(self.residual)), {})
         strength = cause.unknowns(e.model.nominal)[0]
         mine = [f for f, m in zip(free, own, strict=True) if m]
-        relief = float(np.sum(e.pulls[own] ** 2))
+        relief = self.deviation**2 * float(np.sum(e.pulls[own] ** 2))
         score = self._scored(cause, {}, strength, mine, e.white.jacobian[:, own], own, self.found)
         return replace(score, drop=score.drop + relief) if score.drop else score
 
@@ -220,23 +225,29 @@ class _Known:
         freed: Mask,
         seen: Mask,
     ) -> Score:
-        """Score by derivatives (r, k) of the coefficients `seen`, calibrated numbers that it frees left out."""
+        """Score by derivatives (r, k) of the coefficients `seen`, calibrated numbers that it frees left out.
+
+        Where modes were identified, the misfit is counted in standard deviations as large as it is, as it is for
+        joints: in those of the noise, numbers that move by many tolerances would do for what a sensor reads.
+        """
         rows, pulls = seen & self.found, np.where(freed, 0.0, self.here.pulls)
-        known = self._calibration(rows, freed)
-        mine = np.vstack([columns[rows[seen]], np.zeros((len(pulls), len(free)))])
-        drop, z, shown = _projected(known, np.concatenate([self.residual[rows], -pulls]), mine, free, strength)
+        known, wide = self._calibration(rows, freed), self.deviation
+        mine = np.vstack([columns[rows[seen]] / wide, np.zeros((len(pulls), len(free)))])
+        missed = np.concatenate([self.residual[rows] / wide, -pulls])
+        drop, z, shown = _projected(known, missed, mine, free, strength)
         signature = np.zeros(len(self.residual))
         signature[rows] = shown[: int(rows.sum())]
         moved = self.moved[rows[self.found]]
         left = Span(columns[rows[seen]]).across(moved)
-        return Score(cause, drop, z, signature, start, 1.0 - float(left @ left) / max(float(moved @ moved), 1e-300))
+        instead = 1.0 - float(left @ left) / max(float(moved @ moved), 1e-300)
+        return Score(cause, wide**2 * drop, wide * z, signature, start, instead)
 
     def _calibration(self, rows: Mask, freed: Mask) -> Span:
         """What calibrated numbers can do to coefficients, and to what is expected of them, without those freed."""
         key = np.append(rows, freed).tobytes()
         if key not in self.spans:
             expected = np.where(freed, 0.0, self.here.expected)
-            both = np.vstack([self.here.white.jacobian[rows[self.found]], expected])
+            both = np.vstack([self.here.white.jacobian[rows[self.found]] / self.deviation, expected])
             self.spans[key] = Span(both[:, self.calibrated & ~freed])
         return self.spans[key]
 

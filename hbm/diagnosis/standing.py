@@ -53,7 +53,7 @@ class Standing:
         tell("sensors and numerics", 0.0)
         self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
         channels = self.campaign.data.channels
-        self.candidates = [c for c in candidates if measurable(c, self.campaign)]
+        self.candidates = [c for c in candidates if measurable(c, rig, self.campaign)]
         self.trust = trusted(rig, channels, tolerances)
         self._tolerated = {WrongParameter(key).label: key for key in self.trust.calibrated}
         least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1

@@ -9,6 +9,7 @@ from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.nominal import STIFFNESSES
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
+from models.causes.records import FREQUENCIES
 from models.causes.sensors import OfChannel
 
 RUNNING, HOPELESS = 20, 0.15
@@ -20,8 +21,8 @@ NEARLY = 0.3
 OF_JOINTS = "parameter:joints."
 """Beginning of the labels of numbers of the joints of a rig file."""
 
-OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
-"""Labels of the stiffness of a whole body."""
+OF_BODIES = (*(f"parameter:{key}" for key in STIFFNESSES), *(f"drift {key}" for key in (*STIFFNESSES, FREQUENCIES)))
+"""Labels of the stiffness of a whole body, and of its drift: the amplitude grows in the order of many a measurement."""
 
 
 def in_order(screening: Screening, base: Evaluation) -> list[Score]:
@@ -29,9 +30,10 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
     and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other, after the stiffness of the whole body, which the smallest spring beside it stands in
-    for, and every number of the joints of the rig file, which many other joints do. Nor does that test foresee what
-    a sensor reads that sits far from its place: of a channel that it favours every number runs.
+    are compared with each other, after the stiffness of the whole body and its drift, which the smallest spring beside
+    it, or a friction, stands in for, and every number of the joints of the rig file, which many other joints do. Nor
+    does that test foresee what a sensor reads that sits far from its place: of a channel that it favours every number
+    runs.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:

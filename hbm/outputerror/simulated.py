@@ -17,7 +17,7 @@ from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from models.change import tone_scalars
 from models.jointed import AnyRig
-from models.jointednumbers import GAINS
+from models.jointednumbers import GAINS, OF_FORCE
 from models.parts import alike
 
 Solutions = Mapping[int, PeriodicSolution]
@@ -209,15 +209,24 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
     (q, p) array
     """
     after = record.number - 1
-    drifting = rig.drifting
-    grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
-    gains = {f"{GAINS}{i}]": level for i, (level, _) in enumerate(rig.excitation.force_gain, 1)}
-    acts_on = [FORCE if key in gains else drifting[key].parameter if key in drifting else key for key in keys]
-    own = (*dict.fromkeys(target for target in acts_on if target != FORCE), FORCE)
+    drifting = {key: rig.drifted(drift) for key, drift in rig.drifting.items()}
+    grown = {key: 1.0 + drift.rate * after for drift in rig.drift for key in rig.drifted(drift)}
+    by_force = _force_by(rig, record)
+    acts_on = [drifting.get(key, () if key in by_force else (key,)) for key in keys]
+    own = (*dict.fromkeys(target for targets in acts_on for target in targets if target != FORCE), FORCE)
     by_keys = np.zeros((len(own), len(keys)))
-    for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
-        if key in gains:
-            by_keys[-1, j] = record.force if alike(gains[key], record.level) else 0.0
-        else:
+    for j, (key, targets) in enumerate(zip(keys, acts_on, strict=True)):
+        by_keys[-1, j] = by_force.get(key, 0.0)
+        for target in targets:
             by_keys[own.index(target), j] = after * rig.number(target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys
+
+
+def _force_by(rig: AnyRig, record: Record) -> dict[str, float]:
+    """Derivatives of the force on a rig to what the force channel may read of it, by the keys of these."""
+    e = rig.excitation
+    found = {
+        f"{GAINS}{i}]": record.force_on(rig) / gain if alike(level, record.level) else 0.0
+        for i, (level, gain) in enumerate(e.force_gain, 1)
+    }
+    return found if e.channel_gain is None else found | {OF_FORCE: -record.force_on(rig) / e.channel_gain}

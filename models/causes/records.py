@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from models.bodies.finite import FiniteBeam
+from models.bodies.matrix import MatrixBody
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
@@ -16,6 +18,7 @@ STIFFNESS, ALPHA, LOAD, LAW = (
     "contact.normal_load",
     "contact.friction.",
 )
+FREQUENCIES, RATIOS = "modal.frequencies_hz", "damping.modal_ratios"
 MOST_RATE, RATES = 1.0, (1e-3, 1e-2)
 MOST_DECAY = 100.0
 
@@ -104,26 +107,43 @@ class ParameterDrift(Cause):
     confused_with: ClassVar[str] = "the same value wrong from the start, where levels were measured one after the other"
     check: ClassVar[str] = "repeat the first record at the end: the two must differ as the drift predicts"
 
+    rigs: ClassVar[tuple[type, ...]] = EITHER
+
     parameter: str
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["ParameterDrift"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["ParameterDrift"]:
         """Offer stiffness, damping, load and friction, where they are positive and do not drift yet."""
-        keys = [*([STIFFNESS] if rig.beam is not None else []), *([] if rig.damping.modal_ratios else [ALPHA])]
-        keys += [LOAD, *(LAW + name for name in parameters(rig.contact.law))]
         drifting = {drift.parameter for drift in rig.drift}
-        yield from (cls(key) for key in keys if key not in drifting and rig.number(key) > 0.0)
+        keys = _of_joints(rig) if isinstance(rig, JointedRig) else _of_contact(rig)
+        yield from (cls(key) for key in keys if key not in drifting)
 
     @property
     def label(self) -> str:
         """Name and key."""
         return f"{self.name} {self.parameter}"
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The rate."""
         key = f"drift[{len(rig.drift)}].rate"
         return (Unknown("rate", "1", key, -MOST_RATE, MOST_RATE, 0.0, (0.0, *RATES, *(-r for r in RATES))),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Let it drift."""
         return replace(rig, drift=(*rig.drift, Drift(self.parameter, values["rate"])))
+
+
+def _of_contact(rig: Rig) -> list[str]:
+    """Positive numbers of a rig with one contact that may drift."""
+    keys = [*([STIFFNESS] if rig.beam is not None else []), *([] if rig.damping.modal_ratios else [ALPHA])]
+    keys += [LOAD, *(LAW + name for name in parameters(rig.contact.law))]
+    return [key for key in keys if rig.number(key) > 0.0]
+
+
+def _of_joints(rig: JointedRig) -> list[str]:
+    """Positive numbers of a rig with joints that may drift, of its modes all frequencies, or ratios, as one."""
+    known = rig.numbers
+    positive = [key for key, (value, _) in known.items() if value > 0.0]
+    lists = [key for key in (FREQUENCIES, RATIOS) if any(name.startswith(f"{key}[") for name in positive)]
+    single = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS, ALPHA)
+    return [*lists, *(key for key in positive if key in single or key.startswith("joints."))]

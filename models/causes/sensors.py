@@ -5,8 +5,17 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Self
 
+from scipy.constants import g
+
 from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
+from models.jointednumbers import OF_FORCE
+
+FORCES = (1e-4, 1e4)
+"""What a force channel may read of the force."""
+
+UNITS = (g, 1.0 / g, 1e3, 1e-3, 2.0**0.5, 0.5**0.5)
+"""What it reads of it in another unit, or as an rms value; or where all responses are in one."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +68,28 @@ class SensorGain(OfChannel):
     )
     rigs: ClassVar[tuple[type, ...]] = EITHER
 
+    @classmethod
+    def candidates(cls, rig: AnyRig) -> Iterator[Self]:
+        """Offer one for each channel of motion; for the force too where nothing but joints tells it from these."""
+        yield from super().candidates(rig)
+        if isinstance(rig, JointedRig) and not rig.excitation.force_gain and rig.excitation.channel_gain is None:
+            yield from (cls(c.name) for c in rig.channels if c.quantity == "force")
+
+    def _of_force(self, rig: AnyRig) -> bool:
+        return any(c.name == self.channel and c.quantity == "force" for c in rig.channels)
+
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
+        if self._of_force(rig):
+            return (Unknown("gain", "1", OF_FORCE, *FORCES, 1.0, (1.0, *UNITS)),)
         now = rig.number(self.key)
         return (Unknown("gain", "1", self.key, -100.0, 100.0, now, (now, -now)),)
+
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
+        """Set the gain."""
+        if not self._of_force(rig):
+            return super().extend(rig, values)
+        return replace(rig, excitation=replace(rig.excitation, channel_gain=values["gain"]))
 
 
 @dataclass(frozen=True)

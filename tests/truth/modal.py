@@ -22,7 +22,10 @@ ITERATIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Mass-normalised modes: frequencies [Hz], damping ratios (n,), and shapes by place."""
+    """Mass-normalised modes: frequencies [Hz], damping ratios (n,), and shapes by place.
+
+    Frequencies may be those of each record, (r, n).
+    """
 
     hz: Array
     ratio: Array
@@ -122,7 +125,7 @@ def last_periods(
 
     The march from rest has parts of so many periods with so many steps each; those kept are of the last part.
     """
-    r, n = len(hz), len(modes.hz)
+    r, n = len(hz), len(modes.ratio)
     x, z, f = np.zeros((2, n, r)), np.zeros(r), np.zeros(r)
     row = at[None, None, :]
     for periods, steps in parts:
@@ -156,7 +159,7 @@ def last_periods(
 
 def _exact(modes: Modes, dt: Array) -> tuple[Array, Array, Array]:
     """How a step moves displacement and velocity (2, 2, n, r), and a force before and after it does, (2, n, r)."""
-    omega_n, r, n = 2 * np.pi * modes.hz, len(dt), len(modes.hz)
+    omega_n, r, n = 2 * np.pi * modes.hz, len(dt), len(modes.ratio)
     A = np.zeros((r, n, 4, 4))  # (q, q', p, p') with a force p on the mode that changes evenly
     A[..., 0, 1] = A[..., 2, 3] = 1.0
     A[..., 1, 0], A[..., 1, 1], A[..., 1, 2] = -(omega_n**2), -2 * modes.ratio * omega_n, 1.0
