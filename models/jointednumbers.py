@@ -15,7 +15,7 @@ from models.bounds import refuse_text
 from models.friction.law import Parameter
 from models.joints.joint import Joint
 from models.joints.law import described, numbers, with_numbers
-from models.numbers import no_such_number
+from models.numbers import OF_FORCE, no_such_number
 from models.parts import Channel, Damping, Excitation
 
 if TYPE_CHECKING:
@@ -25,9 +25,6 @@ FORCE, ALPHA = "excitation.amplitude", "damping.mass_proportional"
 RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
 GAINS = "excitation.force_gain["
 """Beginning of the keys of forces per unit of what stands for them, by level."""
-
-OF_FORCE = "excitation.channel_gain"
-"""Key of what the force channel reads of the force, where that is asked."""
 
 
 def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
@@ -40,8 +37,6 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     found[FORCE] = rig.excitation.amplitude, Parameter("N", "force amplitude", "")
     gain = Parameter("1", "force per unit of what was measured in its place, at a level", "")
     found |= {f"{GAINS}{i}]": (value, gain) for i, (_, value) in enumerate(rig.excitation.force_gain, 1)}
-    if rig.excitation.channel_gain is not None:
-        found[OF_FORCE] = rig.excitation.channel_gain, Parameter("1", "what the force channel reads of the force", "")
     found |= rig.body.numbers
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)

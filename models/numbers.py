@@ -9,13 +9,14 @@ from typing import Any, Self
 from models.bounds import refuse_text
 from models.display import Displayed
 from models.friction.law import Parameter
-from models.parts import Channel, Drift
+from models.parts import Channel, Drift, Excitation
 
 STEP = re.compile(r"(\w+)(?:\[(\d+)\])?")
 ATTRIBUTES = {"beam": "body", "friction": "law"}
 """What tables of a rig file are called in a rig, where that differs."""
 
 GAIN, DELAY = Parameter("1", "gain", "", lower=-float("inf")), Parameter("s", "delay", "", lower=-float("inf"))
+OF_FORCE, READ = "excitation.channel_gain", Parameter("1", "what the force channel reads of the force", "")
 RATE = Parameter("1", "change per record", "", lower=-float("inf"))
 
 Step = str | int
@@ -44,6 +45,7 @@ class Numbered(Displayed):
     """A rig whose numbers are read and changed by the keys of its rig file, such as ``channels.a3.gain``."""
 
     name: str
+    excitation: Excitation
     channels: tuple[Channel, ...]
     drift: tuple[Drift, ...]
 
@@ -69,10 +71,12 @@ class Numbered(Displayed):
 
     @property
     def of_measuring(self) -> Described:
-        """Numbers of its channels, and rates of what drifts."""
+        """Numbers of its channels, that of the force where it is asked, and rates of what drifts."""
         found: Described = {}
         for c in self.response_channels:
             found |= {f"channels.{c.name}.gain": (c.gain, GAIN), f"channels.{c.name}.delay": (c.delay, DELAY)}
+        if self.excitation.channel_gain is not None:
+            found[OF_FORCE] = self.excitation.channel_gain, READ
         return found | {key: (drift.rate, RATE) for key, drift in self.drifting.items()}
 
     @property

@@ -17,8 +17,9 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause, candidates_of
 from models.causes.records import ForceDistortion
+from models.causes.sensors import SensorGain
 from models.causes.structure import ContactLoss
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 of few records nothing will explain them; where the first does of
@@ -83,9 +84,14 @@ def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign
 
 
 def measurable(cause: Cause, rig: AnyRig, campaign: Campaign) -> bool:
-    """Whether what was measured of a rig can speak of a cause: its channels, or the harmonics of the force."""
+    """Whether what was measured of a rig can speak of a cause: its channels, or the harmonics of the force.
+
+    What the force channel of a rig with one contact reads is asked where the force contradicts the responses.
+    """
     if isinstance(cause, ForceDistortion):
         return (campaign.data.distorted or 0.0) > DISTORTED
+    if isinstance(cause, SensorGain) and cause.of_force(rig) and not isinstance(rig, JointedRig):
+        return campaign.data.doubted
     unseen = {c.name for c in rig.response_channels} - {*campaign.data.channels}
     return not any(getattr(cause, name, "") in unseen for name in ("channel", "other"))
 

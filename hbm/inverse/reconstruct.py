@@ -93,7 +93,8 @@ def reconstruct_likeliest(rig: Rig, spectra: MeasuredSpectra) -> Reconstruction:
     """The best guess of what happens at the contact, for simulations to start from; its deviations are too small."""
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, "regularised", likeliest)
-    return replace(result, warnings=(*check.findings, *resolution_of(contact.estimate).warnings))
+    findings = (*check.findings, *resolution_of(contact.estimate).warnings)
+    return replace(result, warnings=findings, unit=check.unit)
 
 
 def _reconstructed(

@@ -56,7 +56,7 @@ class Campaign:
         """Some of the records."""
         keep = [i for i, r in enumerate(self.data.records) if r.number in set(numbers)]
         chosen = tuple(self.data.records[i] for i in keep)
-        return replace(self, data=Measurement(chosen, self.data.channels, self.data.H, self.data.speed[keep]))
+        return replace(self, data=replace(self.data, records=chosen, speed=self.data.speed[keep]))
 
     def corrected(self, rig: AnyRig, solutions: Solutions) -> "Campaign":
         """The same, with the discretisation corrected where it is now."""

@@ -1,6 +1,7 @@
 """Measured records of a rig of either kind, with where Newton's method starts: on the branch they were measured on."""
 
 from concurrent.futures import Executor
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,7 +49,9 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     if isinstance(rig, JointedRig):
         return rig, _of_joints(rig, readings(rig, spectra)), ()
     seen = reconstruct_likeliest(rig, spectra)
-    return seen.rig, measurement_of(seen, sensing(seen.rig, spectra)), seen.warnings
+    data = measurement_of(seen, sensing(seen.rig, spectra))
+    left_out = any(c.quantity == "force" and c.name not in seen.spectra.channels for c in rig.channels)
+    return seen.rig, replace(data, doubted=left_out or bool(seen.unit)), seen.warnings
 
 
 def _of_joints(rig: JointedRig, seen: Readings) -> Measurement:

@@ -93,13 +93,15 @@ class Record:
 class Measurement:
     """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s].
 
-    Of a rig with joints it is any measure of how fast they move, the fastest the largest.
+    Of a rig with joints it is any measure of how fast they move, the fastest the largest. `doubted` says that the force
+    contradicts the responses, whatever the contact does.
     """
 
     records: tuple[Record, ...]
     channels: tuple[str, ...]
     H: int
     speed: Array
+    doubted: bool = False
 
     @property
     def distorted(self) -> float | None:

@@ -17,7 +17,8 @@ from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from models.change import tone_scalars
 from models.jointed import AnyRig
-from models.jointednumbers import GAINS, OF_FORCE
+from models.jointednumbers import GAINS
+from models.numbers import OF_FORCE
 from models.parts import alike
 
 Solutions = Mapping[int, PeriodicSolution]

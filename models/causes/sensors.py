@@ -9,7 +9,7 @@ from scipy.constants import g
 
 from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
-from models.jointednumbers import OF_FORCE
+from models.numbers import OF_FORCE
 
 FORCES = (1e-4, 1e4)
 """What a force channel may read of the force."""
@@ -70,24 +70,25 @@ class SensorGain(OfChannel):
 
     @classmethod
     def candidates(cls, rig: AnyRig) -> Iterator[Self]:
-        """Offer one for each channel of motion; for the force too where nothing but joints tells it from these."""
+        """Offer one for each channel of motion, and for the force."""
         yield from super().candidates(rig)
-        if isinstance(rig, JointedRig) and not rig.excitation.force_gain and rig.excitation.channel_gain is None:
+        if not rig.excitation.force_gain and rig.excitation.channel_gain is None:
             yield from (cls(c.name) for c in rig.channels if c.quantity == "force")
 
-    def _of_force(self, rig: AnyRig) -> bool:
+    def of_force(self, rig: AnyRig) -> bool:
+        """Whether its channel is that of the force."""
         return any(c.name == self.channel and c.quantity == "force" for c in rig.channels)
 
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
-        if self._of_force(rig):
+        if self.of_force(rig):
             return (Unknown("gain", "1", OF_FORCE, *FORCES, 1.0, (1.0, *UNITS)),)
         now = rig.number(self.key)
         return (Unknown("gain", "1", self.key, -100.0, 100.0, now, (now, -now)),)
 
     def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Set the gain."""
-        if not self._of_force(rig):
+        if not self.of_force(rig):
             return super().extend(rig, values)
         return replace(rig, excitation=replace(rig.excitation, channel_gain=values["gain"]))
 

@@ -1,7 +1,7 @@
-"""What is wrong with the measurement of a structure of modes: a sensor, the force, or an order of time.
+"""What is wrong with a measurement: a sensor, the force, or an order of time.
 
-The records are those of an independent simulator; the structure differs a little from its rig file in all that is
-identified of it.
+The records of modes are those of an independent simulator; the structure differs a little from its rig file in all
+that is identified of it.
 """
 
 from dataclasses import replace
@@ -13,11 +13,13 @@ import pytest
 
 import tests.truth.modal as truth
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.fullfits import measurable
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.extendedrig import write_extended_rig
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.simulated import Simulated
+from hbm.response.synthesis import synthesize
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
@@ -27,6 +29,7 @@ from models.causes.records import ParameterDrift
 from models.causes.sensors import SensorGain
 from models.jointed import JointedRig
 from models.parts import Channel, Damping, Excitation
+from models.published import paper_rig
 
 ROWS = {
     "drive": np.array([0.8, 0.5, -0.6]),
@@ -178,3 +181,31 @@ def test_all_frequencies_of_a_record_have_drifted_by_its_number() -> None:
 def test_a_force_channel_that_reads_nothing_of_the_force_is_refused() -> None:
     with pytest.raises(ValueError, match="channel_gain"):
         Excitation(1.0, channel_gain=0.0)
+
+
+# ---- a beam with a contact: the force is asked where it contradicts the responses
+
+BEAM = paper_rig()
+
+
+@cache
+def of_beam() -> MeasuredSpectra:
+    hz = (*np.linspace(46.0, 53.0, 8).tolist(), *np.linspace(150.0, 175.0, 6).tolist())
+    return synthesize(BEAM, (3.0, 6.5), hz, snr=60.0, seed=3, harmonics=5).spectra
+
+
+def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() -> None:
+    gain = SensorGain("force")
+    for spectra, asked in ((of_beam(), False), (times(of_beam(), 1.3, "force"), True)):
+        assert measurable(gain, BEAM, campaign_of(BEAM, spectra)[0]) is asked
+
+
+def test_a_force_of_a_beam_that_reads_a_multiple_is_named() -> None:
+    near = [c for c in all_candidates(BEAM) if c.label in ("added-mass", "parameter:excitation.position")]
+    d = diagnose(BEAM, times(of_beam(), 1.3, "force"), causes=[*near, SensorGain("force")])
+    assert len(near) == 2
+    assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
+    assert d.parameters["channel"].value == "force"
+    found, std = value(d, "gain")
+    assert abs(found - 1.3) < 3.0 * std < 0.02
+    assert d.extended is not None and d.extended.number("excitation.channel_gain") == found
