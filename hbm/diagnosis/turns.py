@@ -21,8 +21,11 @@ NEARLY = 0.3
 OF_JOINTS = "parameter:joints."
 """Beginning of the labels of numbers of the joints of a rig file."""
 
-OF_BODIES = (*(f"parameter:{key}" for key in STIFFNESSES), *(f"drift {key}" for key in (*STIFFNESSES, FREQUENCIES)))
-"""Labels of the stiffness of a whole body, and of its drift: the amplitude grows in the order of many a measurement."""
+OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
+"""Labels of the stiffness of a whole body."""
+
+DRIFTS, SHOWN = tuple(f"drift {key}" for key in (*STIFFNESSES, FREQUENCIES)), 0.05
+"""Labels of its drift, which runs before joints where it promises this share of what no joint promises most of."""
 
 
 def in_order(screening: Screening, base: Evaluation) -> list[Score]:
@@ -40,7 +43,9 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     if scanned(base) and not (small(base) or base.model.causes):
-        ahead = [s for s in screening.scores if of_the_rig(s.cause)]
+        shown = SHOWN * best.get(False, 0.0)
+        drifts = [s for s in screening.scores if s.cause.label in DRIFTS and s.drop > shown]
+        ahead = [*drifts, *(s for s in screening.scores if of_the_rig(s.cause))]
         first = [*ahead, *(s for s in first if s not in ahead)]
     others = [s for s in screening.scores if s not in first]
     if small(base) or base.model.causes or scanned(base):
