@@ -64,7 +64,8 @@ class SensorGain(OfChannel):
     looks_like: ClassVar[str] = "one channel only, the same factor everywhere"
     confused_with: ClassVar[str] = "anything that few sensors see"
     check: ClassVar[str] = (
-        "exchange this sensor and another one and repeat one record: the error must move with the sensor"
+        "exchange this sensor and another one and repeat one record: the error must move with the sensor; of the "
+        "force, shake a known mass alone: the channel must read the gain times mass times acceleration"
     )
     rigs: ClassVar[tuple[type, ...]] = EITHER
 
