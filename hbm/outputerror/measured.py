@@ -51,7 +51,8 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     seen = reconstruct_likeliest(rig, spectra)
     data = measurement_of(seen, sensing(seen.rig, spectra))
     left_out = any(c.quantity == "force" and c.name not in seen.spectra.channels for c in rig.channels)
-    return seen.rig, replace(data, doubted=left_out or bool(seen.unit)), seen.warnings
+    doubted = "unit" if seen.unit else "force" if left_out else ""
+    return seen.rig, replace(data, doubted=doubted), seen.warnings
 
 
 def _of_joints(rig: JointedRig, seen: Readings) -> Measurement:

@@ -93,15 +93,15 @@ class Record:
 class Measurement:
     """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s].
 
-    Of a rig with joints it is any measure of how fast they move, the fastest the largest. `doubted` says that the force
-    contradicts the responses, whatever the contact does.
+    Of a rig with joints it is any measure of how fast they move, the fastest the largest. `doubted` is "force" where
+    that contradicts the responses, whatever the contact does, "unit" where it does not in another unit of either.
     """
 
     records: tuple[Record, ...]
     channels: tuple[str, ...]
     H: int
     speed: Array
-    doubted: bool = False
+    doubted: str = ""
 
     @property
     def distorted(self) -> float | None:

@@ -209,3 +209,11 @@ def test_a_force_of_a_beam_that_reads_a_multiple_is_named() -> None:
     found, std = value(d, "gain")
     assert abs(found - 1.3) < 3.0 * std < 0.02
     assert d.extended is not None and d.extended.number("excitation.channel_gain") == found
+
+
+def test_where_the_unit_is_wrong_nothing_but_the_force_is_asked() -> None:
+    """With responses that are told to be in another unit, whatever a cause explains is wrong."""
+    wrong = times(of_beam(), 1.0 / 9.80665, *(c.name for c in BEAM.response_channels))
+    campaign, sensors = campaign_of(BEAM, wrong)
+    assert any("all accelerations are in g instead of m/s2" in line for line in sensors)
+    assert [c.label for c in all_candidates(BEAM) if measurable(c, BEAM, campaign)] == ["sensor-gain force"]
