@@ -44,6 +44,10 @@ SEVERAL, SEEN = 2, 20.0
 PAYS = 0.7
 """Share of what one cause leaves that a second one must take."""
 
+HARDLY = 0.01
+"""Share by which a number must be above another of its cause that it does not fall below, as friction at rest above
+that of sliding: with less it is a law without what the cause adds."""
+
 DRAWS = 400
 """Repetitions of the measurement that the confidence is counted from."""
 
@@ -70,7 +74,18 @@ def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
     """Whether an extended model is better than the calibrated one by more than chance."""
     more = max(e.model.counted - base.model.counted, 1)
     fell = base.chi2 - e.chi2
-    return base.bic - e.bic > DECISIVE and fell > sidak(tried, more) and _in_several(base, e)
+    return base.bic - e.bic > DECISIVE and fell > sidak(tried, more) and _in_several(base, e) and _is_its_own(e)
+
+
+def _is_its_own(e: Evaluation) -> bool:
+    """Whether numbers that do not fall below others are above them: else the cause is the law of fewer numbers."""
+    found = e.values
+    return all(
+        found[i, u.name] > (1.0 + HARDLY) * found[i, u.least]
+        for i, unknowns in enumerate(e.model.unknowns)
+        for u in unknowns
+        if u.least
+    )
 
 
 def _in_several(base: Evaluation, e: Evaluation) -> bool:

@@ -31,7 +31,7 @@ from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model, free_of
 from hbm.outputerror.whitened import uncorrelated
 from models.causes.cause import Unknown
-from models.causes.friction import ViscousContact
+from models.causes.friction import StribeckWeakening, ViscousContact
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorGain, SensorPosition, SwappedChannels
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
@@ -142,6 +142,18 @@ def test_wrong_youngs_modulus_is_called_by_its_key():
     (clock,) = [line for line in found.evidence if line.startswith("A clock does nearly the same")]
     softer = 1.0 - np.sqrt(value.value / (1.08 * example("null", 4)[0].body.youngs_modulus))
     assert f"frequencies stated {softer:.2%} too low" in clock
+
+
+def test_a_friction_of_the_same_stiffness_that_is_off_does_not_weaken():
+    """Coefficient and critical slip are off together: a friction at rest as large as that of sliding would do too."""
+    rig, spectra = example("null", 4)
+    law = rig.contact.law
+    off = replace(law, mu=law.mu / 1.2, critical_slip=law.critical_slip / 1.2)
+    wrong = replace(rig, contact=replace(rig.contact, law=off))
+    d = diagnose(wrong, spectra, causes=(WrongParameter, StribeckWeakening))
+    assert (d.verdict, d.cause) == ("cause-found", "parameter:contact.friction.mu")
+    assert abs(d.extended.number("contact.friction.mu") / law.mu - 1.0) < 0.03
+    assert abs(d.extended.number("contact.friction.critical_slip") / law.critical_slip - 1.0) < 0.03
 
 
 def test_exchanged_channels_are_found_beside_a_force():
