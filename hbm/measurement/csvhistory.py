@@ -2,13 +2,14 @@
 
 Columns are separated by commas, or by semicolons or tabs; with the latter numbers may have decimal commas. The first
 column is the time, ``time_s`` or a name with its unit, ``Time (ms)``. Units stand in brackets behind the names, or in a
-line of their own beneath them. Lines that begin with ``#`` are comments.
+line of their own beneath them. Lines that begin with ``#`` are comments, as is what stands above the names.
 """
 
 import csv
 import io
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,9 @@ BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round
 WESTERN = frozenset("²³µ°äöüÄÖÜßéèàç")
 """Letters in names and units of files that are not in UTF-8 but in the encoding of Windows."""
 
+MOST_ABOVE = 200
+"""Among so many lines names are looked for: exports tell of the recorder, the date and the channels above them."""
+
 TIME_NAMES = (*TIMES, "zeit", "temps", "tiempo")
 
 
@@ -34,6 +38,16 @@ class _Line(NamedTuple):
 
     number: int
     text: str
+
+
+class _Heading(NamedTuple):
+    """Names and units of the columns, what separates them, seconds in the unit of time, and how many lines it has."""
+
+    names: list[str]
+    units: list[str]
+    delimiter: str
+    scale: float
+    lines: int
 
 
 def read_csv(path: Path) -> Found:
@@ -45,23 +59,21 @@ def read_csv(path: Path) -> Found:
         If it cannot be read, has no time, or an entry is not a number.
     """
     lines = [_Line(i, x) for i, x in enumerate(_text(path).splitlines(), start=1) if x.strip() and x.lstrip()[0] != "#"]
-    first = lines[0] if lines else _Line(1, "")
-    delimiter = delimiter_of(first.text)
-    names, units = _heading(first, delimiter)
-    rows = lines[1:]
-    if rows and _are_units(_cells(rows[0].text, delimiter), len(names)):
-        beneath = [_plain_unit(cell) for cell in _cells(rows.pop(0).text, delimiter)]
-        units = [above or below for above, below in zip(units, beneath, strict=True)]
-    scale = _seconds(names[0], units[0]) if names else None
-    if scale is None or len(names) < 2 or not all(names):
+    above, heading = next(
+        ((i, found) for i in range(min(len(lines), MOST_ABOVE)) if (found := _heading(lines[i : i + 2]))), (0, None)
+    )
+    if heading is None:
+        first = lines[0] if lines else _Line(1, "")
         shown = first.text.strip()[:60]
         raise InputError(f'{path} line {first.number}: columns "{shown}"; must be time_s and one per channel')
+    names = heading.names
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InputError(f'{path} line {first.number}: column "{name}" a second time; must be once')
-    table = _table(path, rows, names, delimiter)
+            raise InputError(f'{path} line {lines[above].number}: column "{name}" a second time; must be once')
+    table = _table(path, lines[above + heading.lines :], names, heading.delimiter)
     channels = {name: table[:, i] for i, name in enumerate(names) if i}
-    return Found(scale * table[:, 0], channels, {name: unit for name, unit in zip(names, units, strict=True) if unit})
+    units = {name: unit for name, unit in zip(names, heading.units, strict=True) if unit}
+    return Found(heading.scale * table[:, 0], channels, units)
 
 
 def _text(path: Path) -> str:
@@ -90,10 +102,18 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
 
 
-def _heading(line: _Line, delimiter: str) -> tuple[list[str], list[str]]:
-    """Names of the columns, and their units, empty where none is said."""
-    found = [_named(cell) for cell in _cells(line.text, delimiter)]
-    return [name for name, _ in found], [unit for _, unit in found]
+def _heading(lines: Sequence[_Line]) -> "_Heading | None":
+    """Names of the columns, if the first of some lines has them, and their units; the second may be these."""
+    delimiter = delimiter_of(lines[0].text)
+    named = [_named(cell) for cell in _cells(lines[0].text, delimiter)]
+    names, units = [name for name, _ in named], [unit for _, unit in named]
+    beneath = _cells(lines[1].text, delimiter) if len(lines) > 1 else []
+    if below := bool(beneath) and _are_units(beneath, len(names)):
+        units = [own or _plain_unit(cell) for own, cell in zip(units, beneath, strict=True)]
+    scale = _seconds(names[0], units[0]) if names else None
+    if scale is None or len(names) < 2 or not all(names):
+        return None
+    return _Heading(names, units, delimiter, scale, 2 if below else 1)
 
 
 def _named(cell: str) -> tuple[str, str]:

@@ -48,6 +48,8 @@ def export(
         ("t\tforce\ta1\n[s]\t[N]\t[g]", {"mark": "\t"}),
         ("# logger 3\nTime (s),force,a1 (g)", {"mark": ",", "decimal": "."}),
         ("zeit [s];force [N];a1 [g_n]", {}),
+        ('Recorder "7", serial 12\nDate;24.11.2026\n\nChannels;2\nRate;500;Hz\nTime;force;a1\ns;N;g', {}),
+        ("Time of the start: 12:30\nt (s),force (N),a1 (g)", {"mark": ",", "decimal": "."}),
     ],
 )
 def test_exports_of_data_loggers_are_read_in_si(heading: str, how: dict[str, str], tmp_path: Path) -> None:
