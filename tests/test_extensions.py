@@ -185,7 +185,7 @@ REFUSED = {
     "channel of what": ('cause = "sensor-gain"\nchannel = 3', ".channel = 3; must be a text in quotes"),
     "no such channel": (
         'cause = "sensor-gain"\nchannel = "a9"\ngain = 1.0',
-        f'.cause = "sensor-gain" (sensor-gain a9) does not apply; must be one of {ACCELEROMETERS}',
+        f'.cause = "sensor-gain" (sensor-gain a9) does not apply; must be one of {ACCELEROMETERS}, sensor-gain force',
     ),
     "other law": (
         'cause = "bristle-memory"\nsigma1 = 3.0',
