@@ -296,10 +296,10 @@ def main() -> None:
     parser.add_argument("--plan", choices=PLANS, default="physics")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
+    plan = PLANS[args.plan]
     kept = args.out / "cases.jsonl"
     found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     for i in range(len(found), args.count):
-        plan = PLANS[args.plan]
         case = draw(plan[i % len(plan)], args.seed + i)
         began = time.process_time()
         d = diagnose(case.rig, case.spectra)

@@ -6,10 +6,9 @@ from hbm.diagnosis.otherstarts import is_joint, scanned
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.signatures import Score
 from hbm.outputerror.evaluation import Evaluation
-from hbm.outputerror.nominal import STIFFNESSES
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
-from models.causes.records import FREQUENCIES
+from models.causes.parameter import FREQUENCIES, STIFFNESSES
 from models.causes.sensors import OfChannel
 
 RUNNING, HOPELESS = 20, 0.15

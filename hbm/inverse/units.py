@@ -9,13 +9,13 @@ from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from scipy.constants import g
 
 from hbm.inverse.faults import Fault, explanations, times
 from hbm.inverse.readings import Readings
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
-GRAVITY = 9.80665
 SURE = 20.0
 """A unit is believed that makes the measurement so much more likely: twice the logarithm, less the price of choice."""
 
@@ -45,10 +45,10 @@ class Unit(NamedTuple):
 
 
 UNITS = (
-    Unit(("acceleration",), "all accelerations are in g instead of m/s2", GRAVITY),
+    Unit(("acceleration",), "all accelerations are in g instead of m/s2", g),
     Unit(MOTION, "all responses are in mm instead of m", 1e-3),
     Unit(MOTION, "all responses are rms values instead of amplitudes", 2.0**0.5),
-    Unit(("force",), "the force is in kgf instead of N", GRAVITY),
+    Unit(("force",), "the force is in kgf instead of N", g),
     Unit(("force",), "the force is in kN instead of N", 1e3),
     Unit(("force",), "the force is an rms value instead of an amplitude", 2.0**0.5),
 )

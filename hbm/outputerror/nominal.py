@@ -6,8 +6,7 @@ import numpy as np
 
 from hbm.errors import InputError, expect_not_negative
 from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
-from models.bodies.finite import FiniteBeam
-from models.bodies.matrix import MatrixBody
+from models.causes.parameter import STIFFNESSES
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 from models.rig import Rig
@@ -36,9 +35,6 @@ to the largest of their mode."""
 
 FORCE_GAIN = 0.1
 """Tolerance of a force per unit of what was measured in its place, which nobody has calibrated."""
-
-STIFFNESSES = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS)
-"""Keys of the stiffness of a whole body: a modulus, or a factor of a matrix."""
 
 DELAY = ".delay"
 """Ending of the keys of what is known to a time, not to a share of itself."""

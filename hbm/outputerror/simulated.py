@@ -211,7 +211,7 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
     """
     after = record.number - 1
     drifting = {key: rig.drifted(drift) for key, drift in rig.drifting.items()}
-    grown = {key: 1.0 + drift.rate * after for drift in rig.drift for key in rig.drifted(drift)}
+    grown = {key: 1.0 + rig.drifting[rate].rate * after for rate, numbers in drifting.items() for key in numbers}
     by_force = _force_by(rig, record)
     acts_on = [drifting.get(key, () if key in by_force else (key,)) for key in keys]
     own = (*dict.fromkeys(target for targets in acts_on for target in targets if target != FORCE), FORCE)

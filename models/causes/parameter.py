@@ -19,6 +19,9 @@ LAW, POSITION, ALPHA = "contact.friction.", "excitation.position", "damping.mass
 OF_BEAM = ("beam.youngs_modulus", "beam.density", "beam.length", "beam.thickness", "contact.radius")
 LOAD = "contact.normal_load"
 FREQUENCIES = "modal.frequencies_hz"
+STIFFNESSES = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS)
+"""Keys of the stiffness of a whole body: a modulus, or a factor of a matrix."""
+
 NEAR, WIDE = (0.98, 1.02), (0.96, 1.04, 0.85, 1.18, 0.6, 1.6)
 """Fits start at these times the nominal value too: of a length, which is easily measured, and of anything else."""
 
@@ -112,7 +115,7 @@ def _neighbours(rig: AnyRig, key: str) -> tuple[float, float]:
 def _of_joints(rig: JointedRig) -> Iterator[str]:
     """Numbers of a rig with joints that may be wrong: of its body, where anything touches it, and of its joints."""
     touched = tuple(f"modal.ports.{place}[" for place in rig.places)
-    of_body = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS, FREQUENCIES, *touched)
+    of_body = (*STIFFNESSES, FREQUENCIES, *touched)
     for key, (value, _) in rig.numbers.items():
         if value and key.startswith((*of_body, "damping.", "joints.", GAINS)):
             yield key

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from models.bodies.finite import FiniteBeam
-from models.bodies.matrix import MatrixBody
 from models.causes.cause import EITHER, Cause, Unknown
+from models.causes.parameter import FREQUENCIES, STIFFNESSES
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
 from models.parts import Drift
@@ -18,7 +17,7 @@ STIFFNESS, ALPHA, LOAD, LAW = (
     "contact.normal_load",
     "contact.friction.",
 )
-FREQUENCIES, RATIOS = "modal.frequencies_hz", "damping.modal_ratios"
+RATIOS = "damping.modal_ratios"
 MOST_RATE, RATES = 1.0, (1e-3, 1e-2)
 MOST_DECAY = 100.0
 
@@ -145,5 +144,5 @@ def _of_joints(rig: JointedRig) -> list[str]:
     known = rig.numbers
     positive = [key for key, (value, _) in known.items() if value > 0.0]
     lists = [key for key in (FREQUENCIES, RATIOS) if any(name.startswith(f"{key}[") for name in positive)]
-    single = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS, ALPHA)
+    single = (*STIFFNESSES, ALPHA)
     return [*lists, *(key for key in positive if key in single or key.startswith("joints."))]

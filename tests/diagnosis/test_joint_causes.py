@@ -39,7 +39,6 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
 from hbm.rigfiles.load import load_rig
-from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
 from models.causes.joints import JOINT_CAUSES, CubicStiffness, LocalFriction, OneSidedStop, QuadraticDamping
@@ -49,39 +48,15 @@ from models.friction import Jenkins
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.joints.law import numbers
-from models.parts import Channel, Damping, Excitation
+from tests.three_modes import HZ, NOISE, NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
 from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, slack, steady
 
-ROWS = {
-    "drive": np.array([0.8, 0.5, -0.6]),
-    "a": np.array([0.5, 0.9, 0.8]),
-    "b": np.array([0.9, -0.4, 0.7]),
-    "c": np.array([1.2, -1.1, 1.0]),
-}
-NOMINAL = Modes(np.array([20.0, 47.0, 90.0]), np.array([0.015, 0.012, 0.015]), ROWS)
-SENSORS = ("a", "b", "c")
 LEVELS, SECOND = (0.2, 0.6, 1.0), 4.0
 """Forces about the first mode [N]; about the second they are so many times that."""
 
-HZ = (18.5, 19.4, 19.8, 20.2, 20.6, 21.2, 22.5, 45.5, 46.6, 47.4, 49.0)
 H = 5
-OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
-"""What the structure differs by from the rig file, relative standard deviations."""
-
-NOISE = 2e-3
-"""Of the rms of a channel, standard deviation of each coefficient."""
-
 K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
 STOP, CLEARANCE = 5000.0, 5e-4
-
-
-def rig_of(modes: Modes) -> JointedRig:
-    body = ModalModel(tuple(modes.hz.tolist()), {name: tuple(row.tolist()) for name, row in modes.rows.items()})
-    sensors = (Channel(name, "acceleration", at=name) for name in SENSORS)
-    damping = Damping(modal_ratios=tuple(modes.ratio.tolist()))
-    return JointedRig(
-        "three modes", body, damping, (), Excitation(1.0, at="drive"), (Channel("force", "force"), *sensors)
-    )
 
 
 def measured(
@@ -100,15 +75,8 @@ def measured(
     force = np.repeat(LEVELS, len(HZ)) * np.where(hz > 40.0, SECOND, 1.0)
     row = modes.rows[place] - (modes.rows[to] if to else 0.0)
     q = steady(modes, hidden, row, "drive", hz, force, periods=200, steps=512, H=H)
-    size = (len(hz), 2 * H + 1)
-    clean = {"force": np.zeros(size), **{name: accelerations(modes, q, name, hz) for name in SENSORS}}
-    clean["force"][:, 1] = force
-    std = {name: noise * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()} | {"force": 1e-4}
-    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
-    stds = {name: np.full((len(hz), H + 1), s) for name, s in std.items()}
-    for name in noisy:  # no mean was measured
-        noisy[name][:, 0] = stds[name][:, 0] = np.nan
-    return spectra_of(rig_of(NOMINAL), hz, force, noisy, stds)
+    seen = {name: accelerations(modes, q, name, hz) for name in SENSORS}
+    return spectra_with_noise(rig_of(), seen, hz, force, rng, noise)
 
 
 def faster(modes: Modes) -> Modes:
@@ -193,17 +161,6 @@ def test_a_wrong_frequency_is_told_from_physics() -> None:
     hz, std = value(d, "value")
     truth = faster(NOMINAL.disturbed(np.random.default_rng(1), **OFF)).hz[1]
     assert abs(hz - truth) < 3.0 * std + 1e-3 * truth
-
-
-def rig_file() -> str:
-    """The rig as a file."""
-    rows = "".join(f"{name} = {row.tolist()}\n" for name, row in ROWS.items())
-    sensors = "".join(f'[[channels]]\nname = "{name}"\nquantity = "acceleration"\nat = "{name}"\n' for name in SENSORS)
-    return (
-        f'name = "three modes"\n[modal]\nfrequencies_hz = {NOMINAL.hz.tolist()}\n[modal.ports]\n{rows}'
-        f"[damping]\nmodal_ratios = {NOMINAL.ratio.tolist()}\n[excitation]\namplitude = 1.0\nat = 'drive'\n"
-        f'[[channels]]\nname = "force"\nquantity = "force"\n{sensors}'
-    )
 
 
 def test_the_command_writes_an_extended_rig_that_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,62 +16,41 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.fullfits import measurable
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.extendedrig import write_extended_rig
-from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.simulated import Simulated
 from hbm.response.synthesis import synthesize
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import load_rig
-from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.cause import Cause
 from models.causes.records import ParameterDrift
 from models.causes.sensors import SensorGain
 from models.jointed import JointedRig
-from models.parts import Channel, Damping, Excitation
+from models.parts import Excitation
 from models.published import paper_rig
+from tests.three_modes import HZ as ONCE
+from tests.three_modes import NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
 
-ROWS = {
-    "drive": np.array([0.8, 0.5, -0.6]),
-    "a": np.array([0.5, 0.9, 0.8]),
-    "b": np.array([0.9, -0.4, 0.7]),
-    "c": np.array([1.2, -1.1, 1.0]),
-}
-NOMINAL = truth.Modes(np.array([20.0, 47.0, 90.0]), np.array([0.015, 0.012, 0.015]), ROWS)
-SENSORS = ("a", "b", "c")
 FREQUENCIES = "modal.frequencies_hz"
-H, NOISE = 3, 2e-3
+H = 3
 SHAPES = 0.04
 """A gain is known hardly better than shapes, of which each entry may be off by 3 % of the largest."""
 
-OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
-
-HZ = np.tile([18.5, 19.4, 19.8, 20.2, 20.6, 21.2, 22.5, 45.5, 46.6, 47.4, 49.0], 3)
+HZ = np.tile(ONCE, 3)
 FORCE = np.repeat([0.2, 0.6, 1.0], len(HZ) // 3)
-
-
-def rig() -> JointedRig:
-    body = ModalModel(tuple(NOMINAL.hz.tolist()), {name: tuple(row.tolist()) for name, row in ROWS.items()})
-    channels = (Channel("force", "force"), *(Channel(name, "acceleration", at=name) for name in SENSORS))
-    damping = Damping(modal_ratios=tuple(NOMINAL.ratio.tolist()))
-    return JointedRig("three modes", body, damping, (), Excitation(1.0, at="drive"), channels)
 
 
 @cache
 def records(drift: float = 0.0) -> MeasuredSpectra:
     """Records of a linear structure, whose frequencies grow by a share of themselves from record to record."""
     rng = np.random.default_rng(1)
-    modes, size = NOMINAL.disturbed(rng, **OFF), (len(HZ), 2 * H + 1)
+    modes = NOMINAL.disturbed(rng, **OFF)
     modes = replace(modes, hz=modes.hz * (1.0 + drift * np.arange(len(HZ))[:, None]))
     q = truth.steady(modes, truth.nothing, ROWS["a"], "drive", HZ, FORCE, periods=200, steps=256, H=H)
-    clean = {name: truth.accelerations(modes, q, name, HZ) for name in SENSORS} | {"force": np.zeros(size)}
-    clean["force"][:, 1] = FORCE
-    std = {name: NOISE * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()} | {"force": 1e-4}
-    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
-    stds = {name: np.full((len(HZ), H + 1), s) for name, s in std.items()}
-    for name in noisy:  # no mean was measured
-        noisy[name][:, 0] = stds[name][:, 0] = np.nan
-    return spectra_of(rig(), HZ, FORCE, noisy, stds)
+    return spectra_with_noise(
+        rig_of(), {name: truth.accelerations(modes, q, name, HZ) for name in SENSORS}, HZ, FORCE, rng
+    )
 
 
 def times(spectra: MeasuredSpectra, factor: float, *channels: str) -> MeasuredSpectra:
@@ -91,7 +70,7 @@ def value(d: Diagnosis, name: str) -> tuple[float, float]:
 @pytest.mark.parametrize(("gain", "channel"), [(0.102, "a"), (0.5, "b"), (-1.0, "c")])
 def test_a_sensor_that_reads_a_multiple_is_named(gain: float, channel: str) -> None:
     """Numbers of modes that go to their bounds for it, and joints that these would need, explain it no better."""
-    d = diagnose(rig(), times(records(), gain, channel))
+    d = diagnose(rig_of(), times(records(), gain, channel))
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == channel
     found, std = value(d, "gain")
@@ -105,7 +84,7 @@ def test_a_sensor_that_reads_a_multiple_is_named(gain: float, channel: str) -> N
 def test_one_factor_on_the_force_or_on_everything_else_is_a_gain_of_the_force(
     factor: float, channels: tuple[str, ...], gain: float
 ) -> None:
-    d = diagnose(rig(), times(records(), factor, *channels))
+    d = diagnose(rig_of(), times(records(), factor, *channels))
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == "force"
     found, std = value(d, "gain")
@@ -114,7 +93,7 @@ def test_one_factor_on_the_force_or_on_everything_else_is_a_gain_of_the_force(
 
 def test_frequencies_that_drift_are_named() -> None:
     rate = -6e-4
-    d = diagnose(rig(), records(rate))
+    d = diagnose(rig_of(), records(rate))
     assert (d.verdict, d.cause) == ("cause-found", "drift")
     assert d.parameters["parameter"].value == FREQUENCIES
     found, std = value(d, "rate")
@@ -122,12 +101,12 @@ def test_frequencies_that_drift_are_named() -> None:
 
 
 def test_nothing_is_blamed_where_nothing_is_wrong() -> None:
-    d = diagnose(rig(), records())
+    d = diagnose(rig_of(), records())
     assert (d.verdict, d.cause) == ("consistent", None)
 
 
 def test_they_are_candidates_once() -> None:
-    bare = rig()
+    bare = rig_of()
     offered = [c.label for c in all_candidates(bare)]
     assert "sensor-gain force" in offered and f"drift {FREQUENCIES}" in offered
     assert "drift damping.modal_ratios" in offered
@@ -139,11 +118,11 @@ def test_they_are_candidates_once() -> None:
     ("cause", "name", "size"), [(SensorGain("force"), "gain", 1.2), (ParameterDrift(FREQUENCIES), "rate", 2e-4)]
 )
 def test_derivatives_are_those_of_records_simulated_again(cause: Cause, name: str, size: float) -> None:
-    campaign, _ = campaign_of(rig(), records())
-    key = cause.unknowns(rig())[0].key
+    campaign, _ = campaign_of(rig_of(), records())
+    key = cause.unknowns(rig_of())[0].key
 
     def simulated(value: float) -> dict[int, Simulated]:
-        return campaign.simulate(cause.extend(rig(), {name: value}), [key], {})
+        return campaign.simulate(cause.extend(rig_of(), {name: value}), [key], {})
 
     step = 1e-4 * size
     here, above, below = (simulated(size + s) for s in (0.0, step, -step))
@@ -157,14 +136,8 @@ def test_derivatives_are_those_of_records_simulated_again(cause: Cause, name: st
     ("cause", "name", "size"), [(SensorGain("force"), "gain", 1.2), (ParameterDrift(FREQUENCIES), "rate", 2e-4)]
 )
 def test_they_are_read_back_as_they_were_written(cause: Cause, name: str, size: float, tmp_path: Path) -> None:
-    rows = "".join(f"{place} = {row.tolist()}\n" for place, row in ROWS.items())
-    sensors = "".join(f'[[channels]]\nname = "{s}"\nquantity = "acceleration"\nat = "{s}"\n' for s in SENSORS)
     file = tmp_path / "rig.toml"
-    file.write_text(
-        f'name = "three modes"\n[modal]\nfrequencies_hz = {NOMINAL.hz.tolist()}\n[modal.ports]\n{rows}'
-        f"[damping]\nmodal_ratios = {NOMINAL.ratio.tolist()}\n[excitation]\namplitude = 1.0\nat = 'drive'\n"
-        f'[[channels]]\nname = "force"\nquantity = "force"\n{sensors}'
-    )
+    file.write_text(rig_file())
     written = write_extended_rig(tmp_path / "extended.toml", file, [Extension.of(cause, {name: size})])
     back = load_rig(written)
     assert back.numbers == cause.extend(load_rig(file), {name: size}).numbers
@@ -172,7 +145,7 @@ def test_they_are_read_back_as_they_were_written(cause: Cause, name: str, size: 
 
 
 def test_all_frequencies_of_a_record_have_drifted_by_its_number() -> None:
-    drifting = ParameterDrift(FREQUENCIES).extend(rig(), {"rate": 0.01})
+    drifting = ParameterDrift(FREQUENCIES).extend(rig_of(), {"rate": 0.01})
     assert isinstance(drifting, JointedRig)
     for i, hz in enumerate(NOMINAL.hz, 1):
         assert drifting.at_record(4).number(f"{FREQUENCIES}[{i}]") == pytest.approx(1.03 * hz, rel=1e-12)

@@ -10,36 +10,27 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.predict import predicted
-from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
-from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.joints import CubicStiffness, LocalDamper
 from models.causes.records import NotSteady
 from models.friction import Jenkins
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
-from models.parts import Channel, Damping, Excitation
-from tests.truth.modal import Hidden, Modes, cubic, jenkins, last_periods, nothing
+from tests import three_modes
+from tests.three_modes import HZ as ONCE
+from tests.three_modes import NOMINAL, OFF, SENSORS, spectra_with_noise
+from tests.truth.modal import Hidden, cubic, jenkins, last_periods, nothing
 
-ROWS = {
-    "drive": np.array([0.8, 0.5, -0.6]),
-    "a": np.array([0.5, 0.9, 0.8]),
-    "b": np.array([0.9, -0.4, 0.7]),
-    "c": np.array([1.2, -1.1, 1.0]),
-}
-MODES = Modes(np.array([20.0, 47.0, 90.0]), np.array([0.015, 0.012, 0.015]), ROWS)
-SENSORS, H = ("a", "b", "c"), 5
-HZ = np.tile([18.5, 19.4, 19.8, 20.2, 20.6, 21.2, 22.5, 45.5, 46.6, 47.4, 49.0], 3)
+H = 5
+HZ = np.tile(ONCE, 3)
 FORCE = np.repeat((0.2, 0.6, 1.0), 11) * np.where(HZ > 40.0, 4.0, 1.0)
 EARLY, STEADY, RECORDED = 25, 200, 8
 """Periods after the start at which a record of so many begins; after the first, 10 % are left of the first mode."""
-
-OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
-"""What a structure differs by from the rig file, relative standard deviations."""
 
 K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
 LATE = NotSteady()
@@ -51,31 +42,18 @@ CASES: dict[str, tuple[Hidden, tuple[Joint, ...]]] = {
 
 
 def rig_of(joints: tuple[Joint, ...]) -> JointedRig:
-    body = ModalModel(tuple(MODES.hz.tolist()), {name: tuple(row.tolist()) for name, row in ROWS.items()})
-    sensors = (Channel(name, "displacement", at=name) for name in SENSORS)
-    damping = Damping(modal_ratios=tuple(MODES.ratio.tolist()))
-    return JointedRig(
-        "three modes", body, damping, joints, Excitation(1.0, at="drive"), (Channel("force", "force"), *sensors)
-    )
+    return three_modes.rig_of(joints=joints, quantity="displacement")
 
 
 @cache
 def measured(hidden: Hidden, wait: int, *, exact: bool = True) -> MeasuredSpectra:
     """Harmonics of records of whole periods, each after a start from rest: those of their mean period."""
     rng = np.random.default_rng(1)
-    modes = MODES if exact else MODES.disturbed(rng, **OFF)
+    modes = NOMINAL if exact else NOMINAL.disturbed(rng, **OFF)
     q = last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, [(wait + RECORDED, 512)], H, RECORDED).mean(
         axis=0
     )
-    size = (len(HZ), 2 * H + 1)
-    clean = {"force": np.zeros(size), **{name: q @ modes.rows[name] for name in SENSORS}}
-    clean["force"][:, 1] = FORCE
-    std = {name: 2e-3 * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()} | {"force": 1e-4}
-    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
-    stds = {name: np.full((len(HZ), H + 1), s) for name, s in std.items()}
-    for name in noisy:  # no mean was measured
-        noisy[name][:, 0] = stds[name][:, 0] = np.nan
-    return spectra_of(rig_of(()), HZ, FORCE, noisy, stds)
+    return spectra_with_noise(rig_of(()), {name: q @ modes.rows[name] for name in SENSORS}, HZ, FORCE, rng)
 
 
 def beside(joints: tuple[Joint, ...], spectra: MeasuredSpectra) -> tuple[Campaign, Evaluation, Evaluation]:
