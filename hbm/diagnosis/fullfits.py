@@ -89,12 +89,12 @@ def measurable(cause: Cause, rig: AnyRig, campaign: Campaign) -> bool:
     What the force channel of a rig with one contact reads is asked where the force contradicts the responses; and
     nothing else where it would not in another unit.
     """
-    if isinstance(cause, ForceDistortion):
-        return (campaign.data.distorted or 0.0) > DISTORTED
     if isinstance(cause, SensorGain) and cause.of_force(rig) and not isinstance(rig, JointedRig):
         return bool(campaign.data.doubted)
     if campaign.data.doubted == "unit":
         return False
+    if isinstance(cause, ForceDistortion):
+        return (campaign.data.distorted or 0.0) > DISTORTED
     unseen = {c.name for c in rig.response_channels} - {*campaign.data.channels}
     return not any(getattr(cause, name, "") in unseen for name in ("channel", "other"))
 

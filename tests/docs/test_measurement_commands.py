@@ -5,6 +5,7 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,12 @@ def test_the_command_says_what_the_page_says(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     assert (told["verdict"], told["cause"]) == ("main-cause", cause)
     assert f"{100.0 * told['errors']['extended']['held_out']['nrmse']:.1f}" == held_out
+
+
+@pytest.mark.parametrize("section", sections())
+def test_each_line_is_a_command_of_its_own(section: str) -> None:
+    for line in commands(section):  # the benchmark runs them in parts
+        subprocess.run(["sh", "-n", "-c", line], check=True)
 
 
 @pytest.mark.slow
