@@ -114,6 +114,26 @@ def test_refusals(options: list[str], message: str, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("first_hz", "mode", "message"),
+    [
+        (0.0, "1", "backbone: --mode = 1 is a rigid motion; must be from 2 to 2"),
+        (10.0, "2", "backbone: --mode = 2 (14 Hz) does not move the drive, by whose amplitude it is followed"),
+    ],
+)
+def test_a_mode_that_cannot_be_followed_is_refused(first_hz: float, mode: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(f"""
+name = "symmetric"
+modal = {{ frequencies_hz = [{first_hz}, 14.0], ports = {{ middle = [1.0, 1e-12], end = [0.5, 1.0] }} }}
+damping = {{ modal_ratios = [0.01] }}
+excitation = {{ amplitude = 1.0, at = "middle" }}
+joints = [{{ name = "spring", law = "cubic-spring", cubic = 1e8, at = "end" }}]
+channels = [{{ name = "force", quantity = "force" }}]
+""")
+    refused = run(str(tmp_path / "rig.toml"), "--mode", mode)
+    assert (refused.exit_code, refused.stderr.startswith(message)) == (2, True)
+
+
 JOINTS = """
 name = "two sliders"
 modal = { frequencies_hz = [40.0, 90.0], ports = { drive = [0.7, 0.5], one = [0.4, -0.6], two = [0.3, 0.8] } }

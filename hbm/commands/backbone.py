@@ -81,8 +81,7 @@ def backbone(
     from hbm.rigfiles.load import load_rig
 
     loaded = load_rig(rig, allow_code=allow_code or None)
-    if not 1 <= number <= loaded.structure.n:
-        raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
+    _check_mode(loaded, number)
     backbones, failures = _traced(loaded, number, amplitudes, H, budget)
     if backbones:
         curves = _responses(loaded, levels, _band(backbones), failures, budget)
@@ -101,6 +100,15 @@ def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
     if amplitudes is not None and amplitudes[0] >= amplitudes[1]:
         raise InputError(f"backbone: --to = {end}; must be more than --from = {begin}")
     return amplitudes
+
+
+def _check_mode(rig: "AnyRig", mode: int) -> None:
+    from hbm.modes.amplitudes import StuckMode
+
+    try:
+        StuckMode.of(rig, mode)
+    except ValueError as wrong:
+        raise InputError(str(wrong).replace("mode =", "--mode =", 1)) from None
 
 
 # -------------------------------------------------------------------------------------------------------- computing

@@ -39,6 +39,9 @@ RIGID = 1e-6
 NODE = 1e-3
 """Where a joint pushes a mode by less than this fraction of its elastic forces, it stands at a node or nearly so."""
 
+STILL = 1e-6
+"""A mode that moves the drive by less than this share of what all modes do together has a node there."""
+
 FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""
 
@@ -86,7 +89,7 @@ class StuckMode:
         Raises
         ------
         ValueError
-            If there is no such mode, or it is a rigid motion.
+            If there is no such mode, it is a rigid motion, or the drive stands at a node of it.
         """
         touching = Touching(rig)
         omega, shapes = touching.modes()
@@ -101,6 +104,11 @@ class StuckMode:
             short = (s.omega_n**2 - found**2) * shape - s.joints.T @ forces
             forces[held] += np.linalg.lstsq(s.joints[held].T, short, rcond=None)[0]
         drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
+        if abs(drive) < STILL * np.linalg.norm(s.excitation):
+            raise ValueError(
+                f"backbone: mode = {mode} ({found / (2.0 * np.pi):.5g} Hz) does not move the drive, by whose amplitude "
+                "it is followed; must be a mode that does, or an excitation elsewhere"
+            )
         return StuckMode(found, touching.damping(found, shape), shape, np.asarray(forces, dtype=float), drive)
 
     def motion(self, problem: DriveAmplitude, lam: float) -> Array:

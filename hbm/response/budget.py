@@ -1,6 +1,7 @@
 """What a trace may cost, and how a curve that leads nowhere is known: it ends there, says why, and is kept."""
 
 import math
+import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -81,6 +82,10 @@ class Along:
     unit: str
     folds: int = FOLDS
     advice: str = ADVICE
+
+    def told(self, message: str) -> str:
+        """What a branch says of where it ended, in words that a user knows."""
+        return in_units(message, "lam", self.value, self.unit)
 
 
 @dataclass(eq=False)
@@ -183,10 +188,20 @@ def continue_within(
     if branch.closed:
         return replace(branch, end=End.MISSED_END, message=_short_of_the_end(branch, along))
     if not watch.ended:
-        return branch
+        return replace(branch, message=along.told(branch.message))
     where = f"stopped at {along.value(branch.points[-1].lam):.6g} {along.unit}".rstrip()
     counts = f"point {len(branch.points)}, {len(branch.folds)} folds, {len(branch.corners)} corners"
     return replace(branch, message=f"{where} ({counts}): {watch.ended}; {along.advice}")
+
+
+def in_units(message: str, parameter: str, value: Callable[[float], float], unit: str) -> str:
+    """A line of :mod:`continuation` with values of its parameter as a user knows them."""
+
+    def told(found: re.Match[str]) -> str:
+        return f"at {value(float(found[1])):.6g} {unit}".rstrip()
+
+    inside = message.replace(f"reached {parameter}_end", "reached its end").replace(f" of {parameter} ", " ")
+    return re.sub(rf"\bat {parameter} = ([-+.\deE]+)", told, inside)
 
 
 def _short_of_the_end(branch: Branch, along: Along) -> str:

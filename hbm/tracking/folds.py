@@ -36,6 +36,7 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array
 from hbm.parallel import one_thread
+from hbm.response.budget import in_units
 from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import VALUE
 from hbm.response.steps import trace_settings
@@ -192,7 +193,8 @@ class FoldPath:
     @property
     def messages(self) -> tuple[str, ...]:
         """Why each part ended."""
-        return tuple(part.message for part in self.parts)
+        unit = self.key.accepted.unit.removeprefix("1")
+        return tuple(in_units(part.message, "mu", self.plane.along.value_at, unit) for part in self.parts)
 
     def at(self, value: float) -> tuple[SpecialPoint, ...]:
         """Folds where the second number has a value; `lam` is the frequency in units of the plane.

@@ -51,6 +51,11 @@ def test_the_budget_of_points_ends_a_curve_and_keeps_it() -> None:
     assert "7 points are its budget; try" in curve.branch.message
 
 
+def test_where_a_curve_ended_is_told_as_the_user_knows_it() -> None:
+    curve = trace_frequency(load_rig(PAPER), (45.0, 46.0), harmonics=1, samples=32)
+    assert curve.branch.message == f"continuation: reached its end at 46 Hz (point {len(curve.branch.points)})"
+
+
 def test_a_sweep_on_a_closed_curve_has_not_come_to_its_end() -> None:
     """From 40 on a circle about 40 of radius 1 no sweep comes to 90: it says how far it came, and is not complete."""
     circle = DenseProblem(
