@@ -249,7 +249,9 @@ class Excitation:
             if any(alike(level, other) for other, _ in self.force_gain[: i - 1]):
                 raise ValueError(f"excitation.force_gain[{i}]: level {level:g}; must be there once")
         if self.channel_gain is not None:
-            bounded("Excitation: channel_gain", self.channel_gain, 0.0, strict=True)
+            bounded("Excitation: channel_gain", self.channel_gain)
+            if not self.channel_gain:
+                raise ValueError("Excitation: channel_gain = 0; must be a number > 0, or < 0 for a wrong polarity")
 
     def gain(self, level: float) -> float:
         """Force per unit of what was measured in its place, at a level."""

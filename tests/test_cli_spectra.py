@@ -89,6 +89,16 @@ def test_channels_are_renamed_and_the_frequency_refined(tmp_path: Path) -> None:
     assert spectra.complex("a1")[0, 1] == pytest.approx(3.0 - 0.5j, abs=5e-3)
 
 
+@pytest.mark.parametrize(("rig", "read"), [(("--rig", RIG), ("force", "a1")), ((), ("force",))])
+def test_columns_that_the_rig_knows_are_read_beside_one_that_is_named(
+    rig: tuple[str, ...], read: tuple[str, ...], tmp_path: Path
+) -> None:
+    file, out = history(tmp_path / "a.csv", names="load cell,a1"), tmp_path / "s.csv"
+    result = run(file, "--channel", "force=load cell", "--fundamental", "50", *rig, "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert load_spectra(out, load_rig(RIG)).channels == read
+
+
 @pytest.mark.parametrize("sweep", [("--sweep",), ("--fundamental", "50")])
 def test_a_force_in_metres_is_refused_without_a_rig_too(sweep: tuple[str, ...], tmp_path: Path) -> None:
     file, out = history(tmp_path / "a.csv", names="force [m],a1 [m/s2]"), tmp_path / "s.csv"

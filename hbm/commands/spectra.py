@@ -62,7 +62,7 @@ def spectra(
     ] = None,
     channel: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=COLUMN", help="Keep a channel of the files under another name; repeated for each."),
+        typer.Option(metavar="NAME=COLUMN", help="Call a channel of the files otherwise; repeated for each."),
     ] = None,
     sweep: Annotated[
         bool,
@@ -230,7 +230,8 @@ def _recorded(
 
     path, computed = entry.file, rig.computed if rig else ()
     drives = (_force_name(rig), reference or "")
-    recorded = load_history(path, columns or entry.channels, entry.units, drives=drives)
+    known = [c.name for c in rig.channels] if rig else ()
+    recorded = load_history(path, columns or entry.channels, entry.units, drives=drives, known=known)
     recorded = recorded.between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)

@@ -18,7 +18,7 @@ from hbm.inverse.kinematic import modal, nnm, nnm_spline
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misfit, Reconstruction
 from hbm.inverse.resolution import resolution_of
 from hbm.inverse.sensing import Complex, Sensing, sensing
-from hbm.inverse.sensorcheck import check_sensors
+from hbm.inverse.sensorcheck import SensorCheck, check_sensors
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
@@ -89,12 +89,12 @@ def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstructio
     return _reconstructed(rig, reconstruction.spectra, name, FORMULATIONS[name])[0]
 
 
-def reconstruct_likeliest(rig: Rig, spectra: MeasuredSpectra) -> Reconstruction:
+def reconstruct_likeliest(rig: Rig, spectra: MeasuredSpectra) -> tuple[Reconstruction, SensorCheck]:
     """The best guess of what happens at the contact, for simulations to start from; its deviations are too small."""
     check = check_sensors(rig, spectra)
-    result, contact = _reconstructed(rig, check.spectra, "regularised", likeliest)
+    result, contact = _reconstructed(rig, check.with_force(rig, spectra), "regularised", likeliest)
     findings = (*check.findings, *resolution_of(contact.estimate).warnings)
-    return replace(result, warnings=findings, unit=check.unit)
+    return replace(result, warnings=findings, unit=check.unit), check
 
 
 def _reconstructed(

@@ -13,7 +13,7 @@ import numpy as np
 
 from hbm.inverse.contactforce import likeliest, nonlinear_forces
 from hbm.inverse.faults import Fault, explanations, with_std
-from hbm.inverse.findings import assumed, disagreement, sentence, unit_sentence
+from hbm.inverse.findings import DEAD, assumed, disagreement, sentence, unit_sentence
 from hbm.inverse.readings import Coupling, Others, Readings, by_noise, even, readings
 from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
@@ -77,6 +77,13 @@ class SensorCheck:
 
     def __repr__(self) -> str:
         return "\n".join(self.findings) or f"the sensors agree: misfit {self.after:.2f} per degree of freedom"
+
+    def with_force(self, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
+        """What was checked without the channels at fault, but for a force that reads a multiple: divided by that."""
+        for fault in self.faults:
+            multiple = is_force(rig, fault.channel) and fault.cause == "sensor-gain" and abs(fault.value) > DEAD
+            spectra = fault.corrected(rig, spectra)[1] if multiple else _mended(fault, rig, spectra)
+        return spectra
 
 
 def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
@@ -153,6 +160,11 @@ def _unsure(seen: Sensing, coupling: Coupling) -> Sensing:
     share = np.linalg.norm(found.factor[:, 1, 0], axis=1) / np.maximum(np.abs(found.friction[:, 1]), 1e-9)
     seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling.forces))
     return replace(seen, weight=seen.weight / np.hypot(1.0, seen_of_it))
+
+
+def is_force(rig: Rig, channel: str) -> bool:
+    """Whether a channel is that of the force."""
+    return any(c.name == channel and c.quantity == "force" for c in rig.channels)
 
 
 def _mended(fault: Fault, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:

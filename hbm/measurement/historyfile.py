@@ -17,7 +17,7 @@ SEP005    ``time`` or ``fs``                                  ``name``          
 """
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from math import floor, log10
@@ -45,6 +45,7 @@ def load_history(
     units: Mapping[str, str] | None = None,
     *,
     drives: Sequence[str] = DRIVES,
+    known: Collection[str] = (),
 ) -> Recording:
     """Read a measured time history.
 
@@ -60,6 +61,8 @@ def load_history(
         pint knows of force, acceleration, velocity and displacement.
     drives : sequence of str
         Channels that may be in volts, such as the voltage of a shaker in place of its force.
+    known : collection of str
+        Names in the file that are kept beside those of `channels`.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def load_history(
         raise InputError(
             f"{where}: no time; must have a vector {', '.join(TIMES)}, or a scalar {' or '.join(RATES)} > 0 [Hz]"
         )
-    values, said = renamed(where, values, found.units, columns)
+    values, said = renamed(where, values, found.units, columns, known)
     return recording(where, time, values, _with_units(where, said, units or {}), drives=drives)
 
 

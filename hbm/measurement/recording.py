@@ -4,7 +4,7 @@
 spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -179,9 +179,13 @@ def recording(
 
 
 def renamed(
-    source: str, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str], columns: Mapping[str, str]
+    source: str,
+    channels: Mapping[str, npt.ArrayLike],
+    units: Mapping[str, str],
+    columns: Mapping[str, str],
+    known: Collection[str] = (),
 ) -> tuple[dict[str, npt.ArrayLike], dict[str, str]]:
-    """Keep the columns named, under new names.
+    """Keep the columns named, under new names, and others that have names which are known.
 
     Parameters
     ----------
@@ -191,6 +195,8 @@ def renamed(
         By column, as in :func:`recording`.
     columns : mapping of str to str
         New name to column; all under their own names if empty.
+    known : collection of str
+        Names of columns that are kept as well.
 
     Returns
     -------
@@ -207,6 +213,8 @@ def renamed(
     for column in columns.values():
         if column not in channels:
             raise InputError(f'{source}: no channel "{column}"; channels are {", ".join(channels) or "none"}')
+    taken = {*columns, *columns.values()}
+    columns = {**columns, **{name: name for name in channels if name in known and name not in taken}}
     return (
         {name: channels[column] for name, column in columns.items()},
         {name: units.get(column, "") for name, column in columns.items()},

@@ -10,6 +10,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.reconstruct import reconstruct_likeliest
 from hbm.inverse.sensing import Complex, Readings, readings, sensing
+from hbm.inverse.sensorcheck import is_force
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.numerics import Numerics, choose
@@ -48,10 +49,10 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     """
     if isinstance(rig, JointedRig):
         return rig, _of_joints(rig, readings(rig, spectra)), ()
-    seen = reconstruct_likeliest(rig, spectra)
+    seen, check = reconstruct_likeliest(rig, spectra)
     data = measurement_of(seen, sensing(seen.rig, spectra))
-    left_out = any(c.quantity == "force" and c.name not in seen.spectra.channels for c in rig.channels)
-    doubted = "unit" if seen.unit else "force" if left_out else ""
+    blamed = any(is_force(rig, fault.channel) for fault in check.faults)
+    doubted = "unit" if seen.unit else "force" if blamed else ""
     return seen.rig, replace(data, doubted=doubted), seen.warnings
 
 

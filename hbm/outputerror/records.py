@@ -122,7 +122,8 @@ def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measuremen
     motion = motion_of(r)
     seen = motion.sensing if seen is None else seen
     expect_fundamental(r.rig, seen)
-    records = tuple(turned(seen, motion.q[i], r["friction"].complex[i], i) for i in range(len(r)))
+    under, friction = motion.sensing.force[:, 1], r["friction"].complex
+    records = tuple(turned(seen, motion.q[i], friction[i], i, complex(under[i])) for i in range(len(r)))
     speed = np.abs(r["slip_velocity"].samples).max(axis=1)
     return Measurement(records, seen.channels, r.H, speed)
 
@@ -151,8 +152,11 @@ def expect_fundamental(rig: AnyRig, seen: Readings) -> None:
     )
 
 
-def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:
-    """A record turned so that its force is a cosine; amplitudes q (H+1, n) and T (H+1, ...) are where Newton starts."""
+def turned(seen: Readings, q: Complex, T: Complex, i: int, under: complex = 0.0) -> Record:
+    """A record turned so that its force is a cosine; amplitudes q (H+1, n) and T (H+1, ...) are where Newton starts.
+
+    They belong to a force `under`, where that is not the one that was measured.
+    """
     spectra, H = seen.spectra, seen.H
     level = float(spectra.level[i])
     known = bool(seen.force[i].any())  # without a force channel the level with phase 0 stands for it
@@ -169,7 +173,7 @@ def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:
         basis.real(q * turn[:, None]),
         basis.real(T * turn.reshape(-1, *[1] * (T.ndim - 1))),
         2 * np.pi * float(spectra.hz[i]),
-        abs(force),
+        ((under or force) * turn[1]).real,
     )
     return Record(
         number=int(spectra.records[i]),
@@ -203,7 +207,7 @@ def solve_record(
         If it is not found; from a last one, nothing else is tried.
     """
     try:
-        return solve_from(rig, basis, record, record.start if last is None else last)
+        return solve_from(rig, basis, record, start_on(rig, record, record.start if last is None else last))
     except ConvergenceError:
         if last is not None:
             raise
@@ -212,6 +216,13 @@ def solve_record(
     return _described(
         problem, solve_at(problem, first_solution(problem, lam), lam, NewtonSettings(tolerance=TOLERANCE))
     )
+
+
+def start_on(rig: AnyRig, record: Record, state: State) -> State:
+    """A state to start a record from: turned over where it belongs to a force the other way round."""
+    if state.F * record.force_on(rig) >= 0.0:
+        return state
+    return replace(state, Q=-state.Q, T=-state.T, F=-state.F)
 
 
 def solve_from(

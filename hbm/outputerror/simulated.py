@@ -10,7 +10,7 @@ from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.numerics import amplitudes_of
-from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
+from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record, start_on
 from hbm.outputerror.transients import transients
 from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
@@ -91,7 +91,7 @@ def _steady(
             return rig, *solve_record(rig, basis, record, None)
     except FAILURES:
         return None
-    for start in starts_of(rig, last, record.start):
+    for start in starts_of(rig, last, record):
         try:
             return rig, *solve_from(rig, basis, record, start, NEWTON)
         except FAILURES:
@@ -99,14 +99,15 @@ def _steady(
     return None
 
 
-def starts_of(rig: AnyRig, last: State, reconstructed: State) -> list[State]:
+def starts_of(rig: AnyRig, last: State, record: Record) -> list[State]:
     """States to start from, whole and by their friction alone; that first where something was attached that swings.
 
     Its modes share a resonance with others; what the friction is there is nearer than how they move.
     """
+    near = start_on(rig, record, last)
     if rig.lift_off:  # which is marched to where Newton's method does not get
-        return [last]
-    given = [last] if last is reconstructed else [last, reconstructed]
+        return [near]
+    given = [near] if last is record.start else [near, start_on(rig, record, record.start)]
     forced = [replace(state, Q=state.Q[:, :0]) for state in given]
     return [*given, *forced] if last.Q.shape[1] == rig.structure.n else [*forced, *given]
 

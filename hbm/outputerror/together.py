@@ -11,7 +11,7 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, described
 from hbm.fourier import Array, FourierBasis
-from hbm.outputerror.records import Measurement, Record
+from hbm.outputerror.records import Measurement, Record, start_on
 from hbm.outputerror.simulated import (
     FAILURES,
     NEWTON,
@@ -102,7 +102,7 @@ def _solved(
 
 def _first_start(rig: Rig, record: Record, last: State | None) -> State:
     """The state that a record alone starts from first."""
-    return record.start if last is None else starts_of(rig, last, record.start)[0]
+    return start_on(rig, record, record.start) if last is None else starts_of(rig, last, record)[0]
 
 
 def _on(problem: HarmonicBalance, state: State) -> Motions:

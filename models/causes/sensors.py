@@ -11,7 +11,7 @@ from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
 from models.numbers import OF_FORCE
 
-FORCES = (1e-4, 1e4)
+FORCES = (-1e4, 1e4)
 """What a force channel may read of the force."""
 
 UNITS = (g, 1.0 / g, 1e3, 1e-3, 2.0**0.5, 0.5**0.5)
@@ -83,7 +83,7 @@ class SensorGain(OfChannel):
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
         if self.of_force(rig):
-            return (Unknown("gain", "1", OF_FORCE, *FORCES, 1.0, (1.0, *UNITS)),)
+            return (Unknown("gain", "1", OF_FORCE, *FORCES, 1.0, (1.0, -1.0, *UNITS)),)
         now = rig.number(self.key)
         return (Unknown("gain", "1", self.key, -100.0, 100.0, now, (now, -now)),)
 

@@ -79,7 +79,7 @@ def test_a_sensor_that_reads_a_multiple_is_named(gain: float, channel: str) -> N
 
 @pytest.mark.parametrize(
     ("factor", "channels", "gain"),
-    [(1.3, ("force",), 1.3), (0.102, SENSORS, 1.0 / 0.102)],
+    [(1.3, ("force",), 1.3), (-1.0, ("force",), -1.0), (0.102, SENSORS, 1.0 / 0.102)],
 )
 def test_one_factor_on_the_force_or_on_everything_else_is_a_gain_of_the_force(
     factor: float, channels: tuple[str, ...], gain: float
@@ -88,7 +88,7 @@ def test_one_factor_on_the_force_or_on_everything_else_is_a_gain_of_the_force(
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == "force"
     found, std = value(d, "gain")
-    assert abs(found - gain) < 3.0 * std and std < SHAPES * gain
+    assert abs(found - gain) < 3.0 * std and std < SHAPES * abs(gain)
 
 
 def test_frequencies_that_drift_are_named() -> None:
@@ -173,14 +173,16 @@ def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() 
         assert measurable(gain, BEAM, campaign_of(BEAM, spectra)[0]) is asked
 
 
-def test_a_force_of_a_beam_that_reads_a_multiple_is_named() -> None:
+@pytest.mark.parametrize("gain", [1.3, -1.0])
+def test_a_force_of_a_beam_that_reads_a_multiple_is_named(gain: float) -> None:
+    """Of the wrong polarity too: records that the right one has start with their motion turned over."""
     near = [c for c in all_candidates(BEAM) if c.label in ("added-mass", "parameter:excitation.position")]
-    d = diagnose(BEAM, times(of_beam(), 1.3, "force"), causes=[*near, SensorGain("force")])
+    d = diagnose(BEAM, times(of_beam(), gain, "force"), causes=[*near, SensorGain("force")])
     assert len(near) == 2
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == "force"
     found, std = value(d, "gain")
-    assert abs(found - 1.3) < 3.0 * std < 0.02
+    assert abs(found - gain) < 3.0 * std < 0.02
     assert d.extended is not None and d.extended.number("excitation.channel_gain") == found
 
 
