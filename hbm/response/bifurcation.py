@@ -25,6 +25,8 @@ class Bifurcation:
         Index of the first point of the curve behind it.
     along : str
         Along a number of the rig its value there, such as ``joints.tip.mu = 0.31``.
+    span : (float, float), optional
+        Along a number, or the force, the values between which multipliers cross for certain.
     """
 
     solution: PeriodicSolution
@@ -32,6 +34,7 @@ class Bifurcation:
     special: SpecialPoint
     behind: int
     along: str = ""
+    span: tuple[float, float] | None = None
 
     @property
     def kind(self) -> Kind:
@@ -59,5 +62,6 @@ class Bifurcation:
 
     def __repr__(self) -> str:
         """Say what and where."""
-        number = f"{self.along}, " if self.along else ""
-        return f"{self.kind.value} at {number}{self.hz:.6g} Hz, {self.level:.4g} N"
+        within = "" if self.span is None else " ({:.4g} to {:.4g})".format(*self.span)
+        number = f"{self.along}{within}, " if self.along else ""
+        return f"{self.kind.value} at {number}{self.hz:.6g} Hz, {self.level:.4g} N{'' if self.along else within}"

@@ -25,7 +25,7 @@ from hbm.response.bifurcation import Bifurcation
 from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import kinks
 from hbm.response.trace import solve_near
-from hbm.stability.along import crossings, growth, hiding, sides
+from hbm.stability.along import bounds, crossings, growth, hiding, sides
 from hbm.stability.jointed import by_monodromy
 from hbm.stability.multipliers import ROUNDING, Stability
 from models.jointed import AnyRig
@@ -100,7 +100,8 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     a stretch so found gets a point. Stretches that are unstable by less than the error of their multipliers are
     doubtful. Clearer ones that stay close to the unit circle are judged once more, at the point furthest from it, with
     twice the harmonics and samples: where that differs they are doubtful too. Crossings at the ends of what is doubtful
-    are left out.
+    are left out. Along the force, or another number, a multiplier may take long from one side of its error to the
+    other: what is between is doubtful, and the crossing is told with its bounds.
 
     Parameters
     ----------
@@ -136,9 +137,12 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     unsettled = followed.halve(judged) if sought else []
     doubtful = np.zeros(len(followed.points), dtype=bool)
     found = [*refine(curve.traced, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
+    spans: dict[float, tuple[float, float]] = {}
     for rank in range(max(int(followed.count.max()), 1)):
         across, unknown = _certain(followed, unsettled, rank, judge) if sought else _plain(followed, rank)
-        found += _crossings(followed, rank, across, judged, sought=sought)
+        for special, span in _crossings(followed, rank, across, judged, sought=sought):
+            found.append(special)
+            spans |= {} if followed.along_frequency else {special.arclength: span}
         doubtful |= unknown if rank == 0 else False
     found = sorted(found, key=lambda s: s.arclength)
     for start, end in kinks(found, lambda s: followed.curve.value_at(s.lam), lambda s: s.kind is Kind.FOLD):
@@ -154,7 +158,8 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         there = curve.points[behind], stability[behind]
         if special.located:
             there = curve.solution_at(special.x, special.lam), judged(special)
-        bifurcations.append(Bifurcation(*there, special, behind, curve.number_at(special.lam)))
+        number, span = curve.number_at(special.lam), spans.get(special.arclength)
+        bifurcations.append(Bifurcation(*there, special, behind, number, span))
     return replace(curve, stability=stability, doubtful=doubtful[kept], bifurcations=tuple(bifurcations))
 
 
@@ -192,6 +197,11 @@ class _Followed:
     def values(self) -> Array:
         """Parameter of the curve, (points,)."""
         return np.array([self.curve.value_at(p.lam) for p in self.points])
+
+    @property
+    def along_frequency(self) -> bool:
+        """Whether the frequency is what varies."""
+        return len({p.hz for p in self.curve.points}) > 1
 
     @property
     def count(self) -> npt.NDArray[np.intp]:
@@ -271,18 +281,19 @@ def _certain(
     They are in doubt for the error, beside steps that are still too long, and where finer numerics judge otherwise.
     """
     found = followed.stability
-    across, doubtful = crossings(found, followed.values, rank)
+    across, doubtful = crossings(found, followed.values, rank, slow=not followed.along_frequency)
+    unsure = np.zeros(len(found), dtype=bool)
     for i in unsettled:
-        doubtful[i - 1 : i + 1] = True
+        unsure[i - 1 : i + 1] = True
     grown, side = np.array([growth(s, rank) for s in found]), sides(found, rank)
-    known = np.flatnonzero(side if side.any() else ~doubtful)
+    known = np.flatnonzero(side if side.any() else ~(doubtful | unsure))
     for stretch in np.split(known, np.flatnonzero(np.diff(side[known])) + 1):
         clearest = int(stretch[np.abs(grown[stretch]).argmax()]) if stretch.size else 0
         if stretch.size and abs(grown[clearest]) < CLEAR:
             again = followed.again(clearest, judge)
             if again is None or (again.unstable > rank) != (found[clearest].unstable > rank):
-                doubtful[stretch[0] : stretch[-1] + 1] = True
-    return [(i, j) for i, j in across if not doubtful[i : j + 1].any()], doubtful
+                unsure[stretch[0] : stretch[-1] + 1] = True
+    return [(i, j) for i, j in across if not unsure[i : j + 1].any()], doubtful | unsure
 
 
 def _folded_corners(branch: Branch) -> Iterator[SpecialPoint]:
@@ -305,8 +316,11 @@ def _behind(point: Point, kind: Kind) -> SpecialPoint:
 
 def _crossings(
     followed: _Followed, rank: int, across: list[tuple[int, int]], judged: Judged, *, sought: bool
-) -> Iterator[SpecialPoint]:
-    """Points between two each at which the multiplier of a rank, of a pair the upper one, crosses away from 1."""
+) -> Iterator[tuple[SpecialPoint, tuple[float, float]]]:
+    """Points between two each at which the multiplier of a rank, of a pair the upper one, crosses away from 1.
+
+    With the values of the curve's parameter between which it does for certain.
+    """
     for i, j in across:
         changes = np.flatnonzero(np.diff(followed.count[i : j + 1] > rank)) + i + 1
         at = int(changes[len(changes) // 2])
@@ -321,7 +335,7 @@ def _crossings(
             here = judged(special) if special.located else here
         kind = _kind(here, rank)
         if kind is not None:
-            yield replace(special, kind=kind)
+            yield replace(special, kind=kind), bounds(followed.stability, followed.values, rank, i, j)
 
 
 def _crossing(

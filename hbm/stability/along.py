@@ -141,10 +141,13 @@ def sides(found: Sequence[Stability], rank: int) -> Sides:
     return np.where(np.abs(grown) > error, np.sign(grown), 0.0).astype(int)
 
 
-def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[list[tuple[int, int]], Flags]:
+def crossings(
+    found: Sequence[Stability], values: Array, rank: int, *, slow: bool
+) -> tuple[list[tuple[int, int]], Flags]:
     """Where the multiplier of a rank is on the other side for certain, and the points for which that is in doubt.
 
     In doubt are points of bubbles no higher than the error, and of crossings so slow that they have no one place.
+    These are among the crossings only if `slow`.
 
     Parameters
     ----------
@@ -176,15 +179,22 @@ def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[lis
         if side[i] == side[j]:
             doubtful[between] = outside[between] != outside[i]
             continue
-        if at_one_place(found, values, rank, i, j):
+        narrow = at_one_place(found, values, rank, i, j)
+        if narrow or slow:
             across.append((i, j))
-        else:
+        if not narrow:
             doubtful[between] = True
     return across, doubtful
 
 
 def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j: int) -> bool:
     """Whether a crossing between two points known for certain is within NARROW."""
+    low, high = bounds(found, values, rank, i, j)
+    return high - low <= NARROW * abs(values[i])
+
+
+def bounds(found: Sequence[Stability], values: Array, rank: int, i: int, j: int) -> tuple[float, float]:
+    """What is varied, between which values a multiplier crosses between two points known for certain."""
 
     def edge(known: int, beside: int) -> float:
         """Where, from a point known for certain to the one beside it, the multiplier is as close as its error."""
@@ -192,7 +202,8 @@ def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j
         share = (abs(grown[0]) - found[known].error) / max(abs(grown[0] - grown[1]), ROUNDING)
         return float(values[known] + share * (values[beside] - values[known]))
 
-    return bool(abs(edge(i, i + 1) - edge(j, j - 1)) <= NARROW * abs(values[i]))
+    one, other = edge(i, i + 1), edge(j, j - 1)
+    return min(one, other), max(one, other)
 
 
 def _grown(found: Sequence[Stability], rank: int) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from rigs import HZ, CubicSpring, oscillator
 from scipy.integrate import solve_ivp
 
 from continuation import Kind
+from hbm import force_response, steady_state
 from hbm.balance.solution import PeriodicSolution
 from hbm.figures import plot_frequency_response
 from hbm.files.curves import companion, read_curves, write_curves
@@ -270,20 +271,38 @@ def known_to(error: float, *growths: float) -> list[Stability]:
 def test_only_what_rises_above_the_error_crosses_for_certain() -> None:
     hz = 50.0 + 1e-3 * np.arange(5)
     low, high = known_to(1e-3, -5e-3, -5e-3, 5e-4, -5e-3, -5e-3), known_to(1e-3, -5e-3, -5e-3, 4e-3, 4e-3, -5e-3)
-    across, doubtful = crossings(low, hz, 0)
+    across, doubtful = crossings(low, hz, 0, slow=False)
     assert across == []
     assert np.flatnonzero(doubtful).tolist() == [2]
-    across, doubtful = crossings(high, hz, 0)
+    across, doubtful = crossings(high, hz, 0, slow=False)
     assert across == [(1, 2), (3, 4)]
     assert not doubtful.any()
 
 
 def test_a_crossing_so_slow_that_it_has_no_place_is_in_doubt() -> None:
     slowly = known_to(1e-3, -5e-3, -5e-4, 5e-4, 5e-3)
-    assert crossings(slowly, 50.0 + 1e-2 * np.arange(4), 0)[0] == [(0, 3)]
-    across, doubtful = crossings(slowly, 50.0 + 1e-1 * np.arange(4), 0)
-    assert across == []
-    assert np.flatnonzero(doubtful).tolist() == [1, 2]
+    assert crossings(slowly, 50.0 + 1e-2 * np.arange(4), 0, slow=False)[0] == [(0, 3)]
+    for slow, named in ((False, []), (True, [(0, 3)])):
+        across, doubtful = crossings(slowly, 50.0 + 1e-1 * np.arange(4), 0, slow=slow)
+        assert across == named
+        assert np.flatnonzero(doubtful).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("within", [(3.0, 6.6), (6.6, 5.0)])
+def test_where_stability_is_lost_along_the_force_is_told_with_its_bounds(within: tuple[float, float]) -> None:
+    """Of the paper's beam multipliers come so slowly to the unit circle that the place is known to 1 % alone."""
+    rig = paper_rig()
+    curve = with_stability(force_response(rig, 48.385, within, harmonics=9))
+    lost, found = sorted(curve.bifurcations, key=lambda b: b.level)
+    assert {lost.kind.value, found.kind.value} == {"Neimark-Sacker"}
+    for b, before, behind in ((lost, False, True), (found, True, False)):
+        assert b.span is not None
+        low, high = b.span
+        assert low < b.level < high < 1.03 * low
+        assert f"({low:.4g} to {high:.4g})" in str(b)
+        for level, unstable in ((0.998 * low, before), (1.002 * high, behind)):
+            there = stability_of(rig, steady_state(rig, 48.385, level=level, harmonics=9, start=b.solution))
+            assert bool(there.unstable) is unstable
 
 
 def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
