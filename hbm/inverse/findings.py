@@ -27,12 +27,12 @@ def sentence(fault: Fault, rig: Rig, before: Readings, after: Readings) -> str:
     return f"{said}; {fell}; {'exchanged back' if fault.other else 'left out'}"
 
 
-def unit_sentence(said: str, before: Readings, after: Readings) -> str:
-    """Sentence about a unit in which the sensors would agree."""
+def unit_sentence(said: str, force: str, before: float, after: float) -> str:
+    """Sentence about a unit in which the sensors would agree; their misfits per degree of freedom."""
     return (
         f"units: the sensors read as if {said}, with which converted the misfit of the sensors falls "
-        f"{before.everyone.reduced:.3g} -> {after.everyone.reduced:.3g} per degree of freedom; convert them, or leave "
-        f"{before.channels[-1]} out if it alone is wrong: nothing found here is right as they are"
+        f"{before:.3g} -> {after:.3g} per degree of freedom; convert them, or leave "
+        f"{force} out if it alone is wrong: nothing found here is right as they are"
     )
 
 

@@ -16,7 +16,8 @@ from hbm.channels import factor
 from hbm.errors import InputError, expect_joints
 from hbm.fourier import Array, coefficients_of, sampled
 from hbm.inverse.contactforce import Indices, decay, last_counted, prior
-from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, widening
+from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent, widening
+from hbm.inverse.jointsensors import joint_sensors
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig, JointedStructure
@@ -75,6 +76,49 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     expect_joints(rig, "reconstruct_joints")
     if not rig.joints:
         raise InputError(f"reconstruct_joints: {rig.name} has no joints; must have some, whose forces are found")
+    found = _found(rig, spectra)
+    if not np.isfinite(found.f_std).any():
+        channels = ", ".join(c.name for c in rig.response_channels if c.name in spectra.channels)
+        raise InputError(
+            f"{spectra.source}: channels {channels} do not tell the {rig.ports} joint forces apart at any harmonic; "
+            "must be at other places"
+        )
+    misfit, wide = found.misfit, widening(found.misfit)
+    left_out, signals = _left_out(rig, spectra, found.f, found.f_std), {}
+    for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
+        f, f_std, u, u_std = (part[..., j] for part in (found.f, found.f_std, found.u, found.u_std))
+        signals[name] = _signal(units[1], f, f_std * wide[:, None], left_out.forces[:, j])
+        signals[motion] = _signal(units[0], u, u_std * wide[:, None], left_out.motions[:, j])
+    spread = np.hypot(np.sqrt(found.variance) * wide[:, None], left_out.energies)
+    energies = {j.name: Estimates(found.energy[:, i], spread[:, i], "J") for i, j in enumerate(rig.joints)}
+    return JointReconstruction(
+        rig=rig,
+        spectra=spectra,
+        signals=signals,
+        energy=energies,
+        misfit=misfit,
+        residual=found.residual,
+        findings=() if consistent(misfit).all() else joint_sensors(rig, spectra, misfit, _misfit),
+    )
+
+
+class _Found(NamedTuple):
+    """Forces f and motions u at the ports, (r, H+1, m), and energies (r, joints), of spectra as they are.
+
+    Standard deviations are those of noise, and `variance` is that of the energies; nan where sensors do not tell.
+    """
+
+    f: Complex
+    f_std: Array
+    u: Complex
+    u_std: Array
+    energy: Array
+    variance: Array
+    misfit: Misfit
+    residual: Complex
+
+
+def _found(rig: JointedRig, spectra: MeasuredSpectra) -> _Found:
     sensors = _Sensors.of(rig, spectra)
     r, H, m = len(spectra), spectra.H, rig.ports
     f, u = (np.full((r, H + 1, m), np.nan, dtype=complex) for _ in range(2))
@@ -94,22 +138,12 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             residual[i, k, solved.read] = solved.residual
             chi2[i, solved.read] += solved.chi2
             expected[i, solved.read] += solved.expected
-    if not np.isfinite(f_std).any():
-        raise InputError(
-            f"{spectra.source}: channels {', '.join(c.name for c in sensors.channels)} do not tell the "
-            f"{m} joint forces apart at any harmonic; must be at other places"
-        )
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
-    wide = widening(misfit)
-    left_out, signals = _left_out(rig, spectra, f, f_std), {}
-    for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
-        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None], left_out.forces[:, j])
-        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None], left_out.motions[:, j])
-    spread = np.hypot(np.sqrt(variance) * wide[:, None], left_out.energies)
-    energies = {j.name: Estimates(energy[:, i], spread[:, i], "J") for i, j in enumerate(rig.joints)}
-    return JointReconstruction(
-        rig=rig, spectra=spectra, signals=signals, energy=energies, misfit=misfit, residual=residual
-    )
+    return _Found(f, f_std, u, u_std, energy, variance, misfit, residual)
+
+
+def _misfit(rig: JointedRig, spectra: MeasuredSpectra) -> Misfit:
+    return _found(rig, spectra).misfit
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,8 @@ class JointReconstruction(Reconstructed):
         Of the response channels measured, and of the force where it was.
     residual : (r, H+1, c + 1) complex array
         Measured less explained, of the channels of `misfit`, in standard deviations; 0 where not measured.
+    findings : tuple of str
+        What would make the sensors agree where they do not: another unit, or leaving a channel out.
     """
 
     rig: JointedRig
@@ -54,6 +56,7 @@ class JointReconstruction(Reconstructed):
     energy: Mapping[str, Estimates]
     misfit: Misfit
     residual: Complex
+    findings: tuple[str, ...] = ()
 
     @property
     def energies(self) -> Mapping[str, Estimates]:
@@ -91,7 +94,7 @@ class JointReconstruction(Reconstructed):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings with numbers, a line each."""
-        said, found = [], self.found[:, 1:]
+        said, found = [*self.findings], self.found[:, 1:]
         missing = np.flatnonzero(~found.all(axis=0)).tolist()
         if missing:
             said.append(

@@ -115,7 +115,10 @@ def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[F
     if not all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults):
         return ""
     found = mistaken(rig, spectra, base, lambda other: _readings(rig, other))
-    return "" if found is None else unit_sentence(found[0].said, base, found[1])
+    if found is None:
+        return ""
+    unit, converted = found
+    return unit_sentence(unit.said, force, base.everyone.reduced, converted.everyone.reduced)
 
 
 def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:

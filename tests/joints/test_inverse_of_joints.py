@@ -101,7 +101,9 @@ def test_a_contradiction_widens_the_deviations(solution: object) -> None:
     assert found.probability[0] > 1e-3 > found.probability[1]
     wide = found["rub.force"].coefficient_std
     assert wide[1, 1] / wide[0, 1] == pytest.approx(np.sqrt(found.misfit.reduced[1]))
+    assert len(found.findings) == 1 and found.findings[0].startswith("a1: contradicts the other channels, ")
     assert found.warnings == (
+        *found.findings,
         f"records 2: sensors contradict the body beyond noise, chi2_reduced up to {found.misfit.reduced[1]:.3g}; "
         "standard deviations are widened by its square root",
     )
