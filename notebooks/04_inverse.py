@@ -45,8 +45,8 @@ print(*contact.warnings, sep="\n")
 # %% [markdown]
 # `reconstruct` does not look at the friction law of the rig file. At each harmonic it finds the friction force that
 # best explains all sensors, with the beam's equations as a constraint and a prior for the harmonics that the
-# sensors hardly see. The warning is about what was not measured: where a harmonic above the ninth meets a mode, a small
-# force moves the beam much, and the bands below are wide enough for what may be there.
+# sensors hardly see. The warning is about what was not measured. Where a harmonic above the ninth meets a mode, a small
+# force moves the beam much. The bands below are wide enough for it.
 #
 # Whether sensors and structure agree is the first thing to know. The misfit per degree of freedom is 1 where only
 # noise is left:
@@ -110,7 +110,7 @@ assert all(share > 0.9 for share in covered.values())
 # %% [markdown]
 # Friction to 1 %, slip to half a per cent, the reaction to 0.1 %, the slip velocity to 4 %. The worst records are those
 # where the contact has just begun to slip: a plateau of a few per cent of the period is made of harmonics that were not
-# measured. The bands hold more than 95 % of the truth, because here these harmonics are smaller than they might be.
+# measured. The bands hold more than 95 % of the truth. Here these harmonics are smaller than they might be.
 #
 # ## What limits it
 #
