@@ -27,6 +27,7 @@
 # All of them are `Rig` objects and pass through the same solver: harmonic balance with arclength continuation.
 
 # %%
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -47,8 +48,10 @@ from models import (
     ModalBody,
     Rig,
 )
+from models.plausible import PlausibilityWarning
 from models.published import paper_rig
 
+warnings.simplefilter("ignore", PlausibilityWarning)  # of slips of 0.3: the oscillators have no units
 plt.rcParams |= {
     "figure.dpi": 110,
     "figure.constrained_layout.use": True,

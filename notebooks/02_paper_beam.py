@@ -121,7 +121,7 @@ plt.show()
 
 # %% [markdown]
 # The beam peaks at 48.83 Hz with 0.271 mm. The left flank folds, and the right one carries several lesser peaks up to
-# 56 Hz. One of them has a simple cause: three times the excitation meets the second mode, which lies
+# 57 Hz. One of them has a simple cause: three times the excitation meets the second mode, which lies
 # between 155 Hz (sliding) and 164 Hz (stuck). At 53.4 Hz the third harmonic reaches half of the first. Three times
 # 53.4 is 160 Hz, and about 160 Hz is what the paper calls the second natural frequency.
 #
@@ -260,6 +260,6 @@ assert rest.steadiness < 1e-6 and abs(arrived / expected - 1) < 2e-3
 #
 # In one number: a beam measured at **50 Hz** has its steady resonance at **48.83 Hz** with the penalty law of the
 # paper, 2.3 % lower, where Abaqus has 53 Hz after 1.2 s from rest. The closeness deserves caution: at 6.5 N the beam
-# sits just below a jump, where small changes in friction, load or lever matter, several peaks lie between 45 and 56 Hz,
+# sits just below a jump, where small changes in friction, load or lever matter, several peaks lie between 45 and 57 Hz,
 # and some inputs are ours, since they are not printed: the critical slip (its length scale), the damping of mode 6
 # and above. Notebook 03 repeats those 1.2 s, with all laws of the paper, and judges them by its criteria.

@@ -126,11 +126,11 @@ plt.show()
 # for penalty at the same frequency. What remains is a rounded peak at a higher frequency.
 #
 # The paper reports several peaks between 45 and 56 Hz for Lagrange and one for penalty. Here the steady Lagrange curve
-# has a lesser peak at 48.4 Hz beside the main one. With $\mu$ 2 % lower it has three (section on sensitivities), and
-# penalty has a second one at 54.5 Hz. Runs of 1.2 s smooth these peaks; they add none. So it is not the transient that
-# makes several peaks, in this model: what the transient does is to shift and to lower them. Twelve modes without any
-# damping but $\alpha$, as a finite element mesh would have, do not change that†. (Thirteen harmonics give the peaks to
-# some 4 %: with 31 the Lagrange peak is 0.159 mm at 49.09 Hz†.)
+# has a lesser peak at 48.4 Hz beside the main one. With $\mu$ 2 % lower it has three there (section on sensitivities),
+# and penalty has a second one at 54.5 Hz. Runs of 1.2 s smooth these peaks; they add none. So it is not the transient
+# that makes several peaks, in this model: what the transient does is to shift and to lower them. Twelve modes without
+# any damping but $\alpha$, as a finite element mesh would have, do not change that†. (Thirteen harmonics give the peaks
+# to some 4 %: with 31 the Lagrange peak is 0.159 mm at 49.09 Hz†.)
 
 # %%
 shift = {name: resonance[name] - curves[name].peak.hz for name in names}

@@ -90,6 +90,7 @@ for ax, scale in ((whole, 1e3), (tip, 1e6)):
     ax.fill(*(scale * (corners - np.array([0.601, -0.00739])[:, None, None])), fc="none", ec="0.3", lw=0.4)
 whole.set(xlim=(-12, 6), ylim=(-0.5, 10.5), xlabel="x [mm]", ylabel="y [mm]", aspect="equal", title="tip of the beam")
 tip.set(xlim=(-60, 60), ylim=(-3, 77), xlabel="x [µm]", ylabel="y [µm]", aspect="equal", title="where it touches")
+plt.show()
 
 # %% [markdown]
 # Nine nodes may touch the rigid support, each with an elastic contact and the friction of the penalty formulation.
@@ -140,6 +141,7 @@ for hz, words in ((50.0, "experiment"), (53.0, "Abaqus, penalty")):
     ax.annotate(words, (hz, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top", ha="right", fontsize=8)
 ax.set(xlabel="frequency [Hz]", ylabel="drive displacement [mm]", xlim=(42, 62), ylim=(0, None))
 ax.legend(frameon=False, fontsize=8)
+plt.show()
 
 # %% [markdown]
 # The heading of the paper's Table 2 says plane strain. The elements it lists are Abaqus' elements for plane stress.
@@ -188,6 +190,7 @@ middle.legend(frameon=False, fontsize=8)
 slip = 1e6 * top[f"{best.joints[NODES // 2].name}.motion.1"].samples
 right.plot(np.append(slip, slip[0]), np.append(friction, friction[0]))
 right.set(xlabel="motion of the middle node [µm]", ylabel="friction [N]", title="friction loop")
+plt.show()
 
 # %% [markdown]
 # The contact travels over the nodes as the half cylinder rolls, and the outer ones open. The tip loads and unloads its

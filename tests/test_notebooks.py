@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -45,6 +46,19 @@ def executed(script: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any
         return run.execute(env=environment)
 
 
+def printed(notebook: Any) -> list[str]:
+    """Words that the cells print: the last digits of numbers, and so the widths of columns, are those of a machine."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    text = "".join(o.get("text") or o.get("data", {}).get("text/plain", "") for o in outputs)
+    return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", text).split()
+
+
+def complaints(notebook: Any) -> list[Any]:
+    """Errors, and what went to stderr."""
+    outputs = (output for cell in notebook.cells for output in cell.get("outputs", []))
+    return [o for o in outputs if o.output_type == "error" or o.get("name") == "stderr"]
+
+
 def figures(notebook: Any) -> int:
     outputs = (output for cell in notebook.cells for output in cell.get("outputs", []))
     return sum("image/png" in output.get("data", {}) for output in outputs)
@@ -58,7 +72,10 @@ def test_there_are_notebooks():
 @BY_NAME
 def test_every_cell_runs_and_every_number_holds(script, tmp_path, monkeypatch):
     found = executed(script, tmp_path, monkeypatch)
-    assert figures(found) == figures(read(script.with_suffix(".ipynb"))) > 0
+    stored = read(script.with_suffix(".ipynb"))
+    assert figures(found) == figures(stored) > 0
+    assert printed(found) == printed(stored), "store it anew as CONTRIBUTING.md says, and read the prose around it"
+    assert not complaints(found)
 
 
 @BY_NAME
@@ -75,5 +92,5 @@ def test_notebook_was_run_from_top_to_bottom_and_is_small(script):
     path = script.with_suffix(".ipynb")
     code = [cell for cell in read(path).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
-    assert not [o for cell in code for o in cell.outputs if o.output_type == "error" or o.get("name") == "stderr"]
+    assert not complaints(read(path))
     assert path.stat().st_size < 1_000_000

@@ -82,7 +82,8 @@ def diagnose(
         str | None, typer.Option("--from", metavar="HZ", help="Compare no response below, where no mode of RIG is.")
     ] = None,
     end: Annotated[
-        str | None, typer.Option("--to", metavar="HZ", help="Compare no response above; with --from.")
+        str | None,
+        typer.Option("--to", metavar="HZ", help="Compare no response above, nor harmonics there; with --from."),
     ] = None,
     max_seconds: RunSeconds = "1800",
     allow_code: AllowCode = False,

@@ -68,7 +68,9 @@ def modal(
         list[str] | None, typer.Option(metavar="N ...", help="Only these records, those of the lowest level.")
     ] = None,
     begin: Annotated[str | None, typer.Option("--from", metavar="HZ", help="Lowest frequency.")] = None,
-    end: Annotated[str | None, typer.Option("--to", metavar="HZ", help="Highest frequency; with --from.")] = None,
+    end: Annotated[
+        str | None, typer.Option("--to", metavar="HZ", help="Highest frequency, also of harmonics; with --from.")
+    ] = None,
     modes: Annotated[
         str | None, typer.Option(metavar="N", help="How many in the band; as the data ask for where omitted.")
     ] = None,

@@ -1,5 +1,6 @@
 """The command ``hbm synthesize``: what a test of a rig would have measured, with noise."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +12,11 @@ from hbm.commands.options import (
     LARGEST_H,
     AllowCode,
     RigFile,
-    check_out,
     console,
     is_number,
     positive,
     print_written,
+    quoted,
     whole,
 )
 from hbm.errors import InputError
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 COMMAND = "synthesize"
 ADVICE = "try fewer levels, a narrower range of frequencies, or a larger --max-seconds"
 MANIFEST = "manifest.csv"
+RECORDING = re.compile(r"record_\d{3,}\.csv")
 LARGEST_SEED = 10**9
 
 
@@ -49,7 +51,9 @@ def synthesize(
     histories: Annotated[
         Path | None,
         typer.Option(
-            "--histories", metavar="DIR", help="Write the recordings here too, with a manifest for hbm spectra."
+            "--histories",
+            metavar="DIR",
+            help="Write the recordings here too, with a manifest for hbm spectra; empty, or of an earlier run.",
         ),
     ] = None,
     max_seconds: RunSeconds = "600",
@@ -72,8 +76,7 @@ def synthesize(
     limit = seconds_of(COMMAND, max_seconds)
     decibels, H = _decibels(snr), whole(COMMAND, "--harmonics", harmonics, LARGEST_H)
     number = whole(COMMAND, "--seed", seed, LARGEST_SEED)
-    if histories is not None:
-        check_out(COMMAND, histories, (MANIFEST,))
+    earlier = _earlier(histories) if histories is not None else []
     from continuation import ConvergenceError
     from hbm.commands.progress import Work
     from hbm.files.outputs import write_folder
@@ -91,9 +94,26 @@ def synthesize(
     if histories is None:
         write_together(table)
     else:
-        write_folder(histories, _histories(made), beside=table)
+        write_folder(histories, _histories(made), earlier, beside=table)
     _print(made)
     print_written([out] if histories is None else [histories / MANIFEST, out])
+
+
+def _earlier(folder: Path) -> list[str]:
+    """Files of an earlier run in the folder for the recordings; one that holds anything else is refused."""
+    from hbm.commands.options import named
+    from hbm.files.outputs import check_folder
+
+    with named(COMMAND):
+        check_folder(folder, (MANIFEST,), "--histories")
+    names = sorted(path.name for path in folder.glob("[!.]*"))  # none where there is no folder yet
+    other = [name for name in names if name != MANIFEST and not (RECORDING.fullmatch(name) and MANIFEST in names)]
+    if other:
+        raise InputError(
+            f"{COMMAND}: --histories = {quoted(str(folder))}; holds {quoted(other[0])}, must be empty, or hold the "
+            "recordings of an earlier run and their manifest alone"
+        )
+    return names
 
 
 def _numbers(option: str, texts: Sequence[str], unit: str) -> list[float]:

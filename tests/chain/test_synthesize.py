@@ -70,6 +70,27 @@ def test_the_recordings_give_the_same_spectra_in_one_command(tmp_path: Path) -> 
     assert sorted(p.name for p in (tmp_path / "rec").iterdir())[::4] == ["manifest.csv", "record_004.csv"]
 
 
+def test_recordings_of_an_earlier_run_are_replaced(tmp_path: Path) -> None:
+    for levels in (["1", "2"], ["1"]):
+        options = ["--levels", *levels, "--frequencies", "45", "--out", str(tmp_path / "s.csv")]
+        assert run("synthesize", RIG, *options, "--histories", str(tmp_path / "rec")).exit_code == 0
+    assert sorted(p.name for p in (tmp_path / "rec").iterdir()) == ["manifest.csv", "record_001.csv"]
+
+
+@pytest.mark.parametrize("files", [["run_48Hz.csv"], ["manifest.csv", "run_48Hz.csv"], ["record_001.csv"]])
+def test_recordings_are_not_put_among_those_of_others(files: list[str], tmp_path: Path) -> None:
+    folder = tmp_path / "rec"
+    folder.mkdir()
+    for name in files:
+        (folder / name).write_text("mine")
+    result = made(tmp_path / "s.csv", "--histories", str(folder))
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert f'synthesize: --histories = "{folder}"; holds "{files[-1]}", must be empty' in result.stderr
+    assert sorted(p.name for p in folder.iterdir()) == files
+    assert {(folder / name).read_text() for name in files} == {"mine"}
+    assert not (tmp_path / "s.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "line"),
     [
