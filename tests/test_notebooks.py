@@ -47,10 +47,10 @@ def executed(script: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any
 
 
 def printed(notebook: Any) -> list[str]:
-    """Words that the cells print: the last digits of numbers, and so the widths of columns, are those of a machine."""
+    """Words that the cells print: numbers, how many are in a list, and the widths of columns are those of a machine."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     text = "".join(o.get("text") or o.get("data", {}).get("text/plain", "") for o in outputs)
-    return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", text).split()
+    return re.findall(r"[^\W\d_]{2,}", re.sub(r"\d[\d.]*(e[-+]?\d+)?", "", text))
 
 
 def complaints(notebook: Any) -> list[Any]:
