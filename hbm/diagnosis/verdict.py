@@ -195,7 +195,6 @@ class Diagnosis(Displayed):
                 "tried takes most of it."
             )
         said = ", ".join(_said(name, p) for name, p in self.parameters.items())
-        ratio = self.gain["held_out_nrmse_ratio"]
         first = "Cause found" if self.verdict == "cause-found" else "Main cause"
         rest = {
             (True, "cause-found"): f"what remains is {left} of the response",
@@ -204,8 +203,15 @@ class Diagnosis(Displayed):
         named = f"{self.cause}{f' ({said})' if said else ''}{self.alternatives}"
         return (
             f"{first}: {named}, {self.belief} ({self.confidence:.2f}); "
-            f"error on records held out {ratio:.3g} times that of the calibrated rig file; {rest}."
+            f"{self._gained()}; {rest}."
         )
+
+    def _gained(self) -> str:
+        before = self.errors.get("calibrated", {}).get("held_out")
+        if before is not None and before.chi2_reduced <= 1.0:
+            return "records held out leave noise without it too, and say nothing of it"
+        ratio = self.gain["held_out_nrmse_ratio"]
+        return f"error on records held out {ratio:.3g} times that of the calibrated rig file"
 
     @property
     def alternatives(self) -> str:

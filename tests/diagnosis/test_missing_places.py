@@ -120,3 +120,15 @@ def test_modes_that_records_took_are_said_where_the_rig_file_keeps_fewer(taken: 
     assert told == (
         f" The records took {taken} modes: set modes = {taken} in its [beam] for the same accuracy." if said else ""
     )
+
+
+def test_records_held_out_that_the_calibrated_rig_fits_say_nothing_of_a_cause() -> None:
+    """Of two errors below noise the ratio is chance."""
+    for calibrated, said in ((0.6, "leave noise without it too"), (40.0, "error on records held out 0.5 times")):
+        errors = {
+            "calibrated": {"held_out": Errors(0.02, calibrated)},
+            "extended": {"held_out": Errors(0.01, 0.7)},
+        }
+        remainder = Remainder({}, 0.01, 1.0, structured=False, places=())
+        d = Diagnosis("cause-found", "added-mass", {}, 0.95, (), "", remainder, errors, ("7",), (), ())
+        assert said in str(d)
