@@ -201,10 +201,7 @@ class Diagnosis(Displayed):
             (True, "main-cause"): f"the rest, {left} of the response, is unexplained",
         }.get((self.remainder.structured, self.verdict), "what remains is noise")
         named = f"{self.cause}{f' ({said})' if said else ''}{self.alternatives}"
-        return (
-            f"{first}: {named}, {self.belief} ({self.confidence:.2f}); "
-            f"{self._gained()}; {rest}."
-        )
+        return f"{first}: {named}, {self.belief} ({self.confidence:.2f}); {self._gained()}; {rest}."
 
     def _gained(self) -> str:
         before = self.errors.get("calibrated", {}).get("held_out")

@@ -10,6 +10,7 @@ from hbm.measurement.clipping import flat_topped
 from hbm.measurement.clock import UNEVEN
 from hbm.measurement.jump import Jump
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.spikes import Spike
 from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
 
@@ -44,6 +45,8 @@ class ChannelQuality:
         Whether it is flat-topped.
     jump : Jump or None
         Of its phase.
+    spike : Spike or None
+        The largest.
     """
 
     name: str
@@ -55,6 +58,7 @@ class ChannelQuality:
     leftover: Leftover
     clipped: bool
     jump: Jump | None
+    spike: Spike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +208,11 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
             )
         if q.clipped:
             yield flat_topped(q.name)
+        if q.spike is not None and s.steady and not smeared:
+            yield (
+                f"{q.name} has a spike at {q.spike.time:.4g} s, {q.spike.size:.3g} times the noise: "
+                "use what comes before or after, or record again"
+            )
 
 
 def _changes(s: Steadiness, *, turned: bool) -> bool:

@@ -37,6 +37,7 @@ from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.jump import jump
 from hbm.measurement.periods import Periods, fitted, transformed
 from hbm.measurement.recording import Recording, constant
+from hbm.measurement.spikes import spike
 from hbm.measurement.steadiness import leftover, steadiness
 from hbm.measurement.waves import MOST_FITTED, Overtones, design, overtones
 
@@ -224,6 +225,7 @@ def _quality(
             leftover=leftover(even[:, j], float(np.std(own)), e.periods, e.hz),
             clipped=clipped(own),
             jump=jump(middles, followed[j]),
+            spike=spike(measured.time, own, found.residual[:, j], e.periods),
         )
         for j, (name, own) in enumerate(measured.channels.items())
     )

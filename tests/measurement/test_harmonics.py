@@ -453,3 +453,31 @@ def test_a_multisine_that_settles_is_not_steady() -> None:
         recording("run.csv", recorded.time, {"force": recorded.channels["force"] * settling}), 1000.0 / 520, 250
     )
     assert any("force is not steady" in warning and "harmonic" in warning for warning in e.warnings)
+
+
+# ------------------------------------------------------------------------------------------------------------- spikes
+
+
+def spiky(periods: float, at: tuple[float, ...], height: float, seed: int = 0) -> HarmonicEstimate:
+    """A channel with spikes of two samples at some times."""
+    t = times(periods)
+    added = np.zeros(len(t))
+    for moment in at:
+        added[int(moment * RATE) : int(moment * RATE) + 2] = height
+    return harmonic_spectra(record(periods, seed, added=added), HZ, H)
+
+
+def test_a_spike_is_told_with_its_time() -> None:
+    e = spiky(60.0, (0.7,), 1.0)
+    (said,) = e.warnings
+    assert said.startswith("a1 has a spike at 0.7 s, ")
+    found = e.quality[at(e, "a1")].spike
+    assert found is not None and found.size == pytest.approx(100.0, rel=0.1)  # of a noise of 0.01
+
+
+def test_noise_and_impacts_that_belong_to_the_motion_are_no_spikes() -> None:
+    every = tuple((i + 0.3) / HZ for i in range(60))
+    assert spiky(61.0, every, 0.6).quality[1].spike is None
+    for seed in range(20):
+        assert all(q.spike is None for q in harmonic_spectra(record(60.0, seed), HZ, H).quality)
+    assert all(q.spike is None for q in harmonic_spectra(record(60.0, noise=0.0), HZ, H).quality)
