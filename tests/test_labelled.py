@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbm.labelled
-from hbm import load_rig, load_spectra, reconstruct, trace_frequency
+from hbm import force_response, load_rig, load_spectra, parameter_response, reconstruct, trace_frequency
 from hbm.errors import InputError
 from hbm.files.inversefiles import reconstruction_contents
 from models.published import paper_rig
@@ -40,6 +40,22 @@ def test_a_curve_has_its_names_and_units(curve):
     np.testing.assert_array_equal(own.hz, curve.hz)
     np.testing.assert_array_equal(own.peak, curve["a1"].peak)
     np.testing.assert_array_equal(own.a1, curve["a1"].coefficients[:, 1])
+
+
+def test_a_curve_says_what_it_is_along_at_every_point(curve):
+    assert "parameter" not in curve.to_dataframe() and curve.to_xarray().attrs["level_N"] == curve.level
+    swept = force_response(curve.rig, 40.0, (1.0, 3.0), harmonics=3)
+    numbered = parameter_response(curve.rig, "contact.normal_load", (80.0, 83.0), hz=40.0, harmonics=3)
+    for along, key, unit in ((swept, "excitation.amplitude", "N"), (numbered, "contact.normal_load", "N")):
+        found, table = along.to_xarray(), along.to_dataframe()
+        assert found.attrs["parameter"] == key and found.parameter.attrs["units"] == unit
+        own = table[table.channel == "drive"]
+        for given in (found.parameter, own.parameter):
+            np.testing.assert_array_equal(given, along.values)
+        for given in (found.level, own.level):
+            np.testing.assert_array_equal(given, [p.level for p in along.points])
+    assert "level_N" not in swept.to_xarray().attrs
+    assert " points from 1 to 3 N at 40 Hz, " in repr(swept)
 
 
 def test_spectra_have_records_and_channels(spectra):

@@ -16,8 +16,9 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import harmonics_for, holding
 from hbm.errors import expect_level, expect_positive
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.response.assessment import Assessment, NumericalError, Probe
 from hbm.response.budget import Budget, OnPoint
-from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig, JointedRig, JointedStructure
 from models.rig import Rig
