@@ -217,7 +217,7 @@ def _places(curve: ResponseCurve) -> dict[str, tuple[Array, Array]]:
     points, y = curve.branch.points, curve["drive"].peak
     at = {
         "corner": [i for i, p in enumerate(points) if p.corner],
-        "fold": [i for i, p in enumerate(points) if p.fold],
+        "fold": [i for i, p in enumerate(points) if p in curve.folded],
         "ends here": [] if curve.complete else [len(points) - 1],
     }
     places = {kind: (curve.values[i], y[i]) for kind, i in at.items()}

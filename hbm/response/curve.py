@@ -212,7 +212,7 @@ class ResponseCurve(Displayed):
     def folded(self) -> frozenset[Point]:
         """Points of its branch just behind folds that are no kinks."""
         points = [p for p in self.branch.points if p.fold]
-        narrow = kinks(points, self.turn_at, lambda p: True)
+        narrow = kinks(points, lambda p: (p.x if p.fold_x is None else p.fold_x, self.turn_at(p)), lambda p: True)
         return frozenset(points).difference(*narrow)
 
     @property
