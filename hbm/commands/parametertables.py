@@ -30,6 +30,7 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     ]
     if curve.stable is not None:
         lines.append(stable_words(curve))
+    lines += [f"warning: {curve.past_start}"] if curve.past_start else []
     lines += [f"corner at {curve.parameter} = {value:.6g}" for value in curve.corners]
     lines += [f"warning: the tip would lift off from {low:.5g} to {high:.5g}" for low, high in curve.lift_off]
     lines.append(f"more harmonics, samples and modes change the ends and the peak by {curve.error:.2%}")

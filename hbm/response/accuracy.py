@@ -315,6 +315,8 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
     if worst.total > 2 * tolerance and worst is not error.at_peak:
         cause = "modes" if worst.modes > worst.harmonics else "harmonics"
         yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"
+    if curve.past_start:
+        yield curve.past_start
     for low, high in curve.lift_off:
         least = min(p.channels["normal"].samples.min() for p in curve.points)
         yield (

@@ -194,6 +194,16 @@ class ResponseCurve(Displayed):
         """Parameter of the curve at every point, (points,)."""
         return np.array([self.value_at(p.lam) for p in self.branch.points])
 
+    @property
+    def past_start(self) -> str:
+        """Says how far the curve folds back past its start before it comes to its end; empty where it does not."""
+        begin, end = float(self.values[0]), self.value_at(self.branch.settings.lam_end)
+        furthest = float(self.values.min() if end > begin else self.values.max())
+        if furthest == begin or self.branch.closed:
+            return ""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"the curve folds back past its start at {begin:.6g}{unit}, to {furthest:.6g}{unit}"
+
     @cached_property
     def stable(self) -> npt.NDArray[np.bool_] | None:
         """Whether each point is stable, (points,); None where that was not worked out."""
@@ -352,6 +362,6 @@ class ResponseCurve(Displayed):
             f"{len(self.points)} points{along} at {self.held[0]}, H = {self.basis.H}, {self.basis.N_t} samples, "
             f"{self.problem.structure.n} modes; peak {top.channels['drive'].peak * 1e3:.4g} mm "
             f"at {values[self.points.index(top)]:.4g} {self.unit}; {len(self.folds)} folds, "
-            f"{len(self.corners)} corners"
+            f"{len(self.corners)} corners" + (f"; {self.past_start}" if self.past_start else "")
         )
         return text if self.complete else f"{text}; partial: {self.branch.message}"
