@@ -100,5 +100,5 @@ def _summary(backbone: Backbone, change: NumericalChange) -> dict[str, Any]:
         "folds_m": backbone.folds,
         "lift_off_from_m": backbone.lift_off,
         "change_at_m": change.amplitude,
-        "change_of_frequency_and_damping": dict(change.by_source),
+        "change_of_frequency_and_damping": {**change.by_source, "modes": change.modes},
     }

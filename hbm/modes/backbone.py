@@ -224,21 +224,28 @@ class NonlinearMode(Backbone):
 
     @cached_property
     def decay_rate(self) -> Array:
-        """Rate -A'/A at which the drive amplitude A of a free decay falls, (points,) [1/s].
+        """Rate -A'/A at which the drive amplitude A of a free decay falls, (points,) [1/s]; nan where it tells nothing.
 
         Averaged over a period, the action (sum of the squared velocities over the frequency) falls at the rate xi; the
-        amplitude falls at half that rate where frequency and shape do not change with it.
+        amplitude falls at half that rate where frequency and shape do not change with it. Of the motion of a single
+        mode the shape changes little. It is nan where the change of shape changes the action by more than half of what
+        amplitude and frequency do, or harmonics hold more of the action than the fundamental: there, beside internal
+        resonances and where the branch turns back, the drive amplitude does not stand for the motion.
         """
-        growth = np.array([self._action_growth(p) for p in self.branch.points])
-        return np.asarray(4 * np.pi * self.hz * self.damping_ratio / growth)
+        by_frequency, by_shape, harmonics = np.array([self._action_growth(p) for p in self.branch.points]).T
+        alike = 2.0 + by_frequency
+        rate = 4 * np.pi * self.hz * self.damping_ratio / (alike + by_shape)
+        return np.where((np.abs(by_shape) < 0.5 * alike) & (harmonics < 0.5), rate, np.nan)
 
-    def _action_growth(self, point: Point) -> float:
-        """Derivative d ln(action) / d ln A, from the tangent."""
+    def _action_growth(self, point: Point) -> tuple[float, float, float]:
+        """Derivatives d ln(action) / d ln A by frequency and shape, from the tangent; share of the harmonics from 2."""
         balance, split = self.problem.balance, self.problem.balance.basis.size * self.problem.balance.structure.n
-        squared = np.repeat(balance.basis.k**2, balance.structure.n)
+        k = np.repeat(balance.basis.k, balance.structure.n)
         Q, by_step = point.x[:split], point.tangent_x
-        by_lam = 2 * float(squared * Q @ by_step[:split]) / float(squared * Q @ Q) + by_step[-2] / point.x[-2]
-        return 2.0 + float(by_lam / (np.log(10.0) * point.tangent_lam))
+        action, along = float(k**2 * Q @ Q), np.log(10.0) * point.tangent_lam
+        by_shape = 2 * float(k**2 * Q @ by_step[:split]) / action
+        harmonics = float(np.sum((k * Q)[k > 1] ** 2)) / action
+        return float(by_step[-2] / point.x[-2] / along), float(by_shape / along), harmonics
 
 
 @dataclass(frozen=True, eq=False, repr=False)
