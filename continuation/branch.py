@@ -77,6 +77,11 @@ class Point:
     corner_lam: float | None = None
     fold_x: Array | None = None
 
+    def __repr__(self) -> str:
+        """Parameter, in the problem's own units, and flags."""
+        flags = [name for name in ("fold", "corner", "branch_point", "jumped") if getattr(self, name)]
+        return ", ".join([f"point at lam = {self.lam:.10g}", f"{self.x.size} unknowns", *flags])
+
     @property
     def state(self) -> Array:
         """(x, lam), (N + 1,)."""

@@ -243,6 +243,14 @@ class SavedCurve:
     unit: str
     values: Array
 
+    def __repr__(self) -> str:
+        """What it is along, from where to where, and its channels."""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return (
+            f"curve of {len(self.values)} points, {self.parameter or 'parameter'} from {self.values[0]:.6g} to "
+            f"{self.values[-1]:.6g}{unit}, level {self.level:g} N; channels {', '.join(self.channels)}"
+        )
+
     def __getitem__(self, name: str) -> ChannelCurve:
         """Channel by name."""
         return channel_named(self.channels, name)

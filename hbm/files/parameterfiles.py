@@ -27,6 +27,10 @@ class SavedParameterCurve:
     values: Array
     curve: SavedCurve
 
+    def __repr__(self) -> str:
+        """As the curve."""
+        return repr(self.curve)
+
 
 def read_parameter_curve(path: StrPath) -> SavedParameterCurve:
     """Read a file of one curve along a number; :func:`hbm.read_curves` reads those of several as well.

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,9 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import USUAL, basis_for
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.labelled import dataset, frame
 from hbm.modes.amplitudes import solved, traced
+from hbm.modes.columns import columns_of
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
 from hbm.response.budget import Budget, OnPoint
@@ -89,6 +91,11 @@ class Backbone(ABC):
         return np.asarray(self.lost / (2 * np.pi * np.array([_squared_velocity(p) for p in self.points])))
 
     @property
+    def decay_rate(self) -> Array:
+        """Rate at which the drive amplitude of a free decay falls, (points,) [1/s]; nan: only a free motion decays."""
+        return np.full(len(self.points), np.nan)
+
+    @property
     def decaying_hz(self) -> Array:
         """Frequency of a free decay that passes through each motion, (points,) [Hz]."""
         return np.asarray(self.hz * np.sqrt(np.maximum(1.0 - self.damping_ratio**2, 0.0)))
@@ -109,6 +116,32 @@ class Backbone(ABC):
         """Share of each mode in the kinetic energy of the fundamental, (points, n)."""
         squared = np.abs(self.shape) ** 2
         return np.asarray(squared / squared.sum(axis=1, keepdims=True))
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Columns of a table, a row for each motion; names end in units."""
+        return columns_of(self)
+
+    def to_dataframe(self) -> Any:
+        """The :attr:`columns`, those of a file of ``hbm backbone``, as a pandas.DataFrame.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return frame("to_dataframe", self.columns)
+
+    def to_xarray(self) -> Any:
+        """The :attr:`columns` over the point, as an xarray.Dataset.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        variables = {name: (("point",), values, "") for name, values in self.columns.items()}
+        return dataset("to_xarray", variables, {"point": variables.pop("point")}, rig=self.rig.name)
 
     @property
     def lift_off(self) -> float | None:
@@ -228,9 +261,8 @@ class NonlinearMode(Backbone):
 
         Averaged over a period, the action (sum of the squared velocities over the frequency) falls at the rate xi; the
         amplitude falls at half that rate where frequency and shape do not change with it. Of the motion of a single
-        mode the shape changes little. It is nan where the change of shape changes the action by more than half of what
-        amplitude and frequency do, or harmonics hold more of the action than the fundamental: there, beside internal
-        resonances and where the branch turns back, the drive amplitude does not stand for the motion.
+        mode the shape changes little. It is nan where its change changes the action by more than half of what amplitude
+        and frequency do, or harmonics hold more of the action than the fundamental: beside internal resonances.
         """
         by_frequency, by_shape, harmonics = np.array([self._action_growth(p) for p in self.branch.points]).T
         alike = 2.0 + by_frequency

@@ -43,6 +43,12 @@ class ChannelCurve:
     peak: Array
     rms: Array
 
+    def __repr__(self) -> str:
+        """Peaks and size."""
+        least, most = (f"{value:.6g}" for value in (self.peak.min(), self.peak.max()))
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{len(self.peak)} points, peak {least} to {most}{unit}, {self.coefficients.shape[1] // 2} harmonics"
+
     @property
     def amplitude(self) -> Array:
         """Amplitude of harmonics 0..H, (points, H+1)."""
