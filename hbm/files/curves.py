@@ -124,9 +124,10 @@ def _rows(curve: ResponseCurve) -> Iterator[list[Any]]:
     channels = {
         name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.coefficients)) for name, c in curve.channels.items()
     }
-    hz, force, values = curve.hz.tolist(), curve.force.tolist(), curve.values.tolist()
+    hz, values, named = curve.hz.tolist(), curve.values.tolist(), _named(curve)
+    force = curve.force.tolist() if named else [float(curve.level)] * len(hz)
     for i in range(len(hz)):
-        number = [values[i]] if _named(curve) else []
+        number = [values[i]] if named else []
         for name, (peak, rms, coefficients) in channels.items():
             yield [i + 1, force[i], hz[i], stable[i], name, peak[i], rms[i], *number, *coefficients[i]]
 
@@ -168,7 +169,7 @@ def _level(curve: ResponseCurve) -> dict[str, Any]:
     known, named = curve.assessment, _named(curve)
     hz = "" if named else "_hz"  # along another number in the unit of that, which the companion names
     return {
-        "level": curve.points[0].level,
+        "level": curve.points[0].level if named else curve.level,
         "points": len(curve.points),
         "complete": curve.complete,
         "message": curve.branch.message,

@@ -129,8 +129,7 @@ class ResponseCurve(Displayed):
     @property
     def held(self) -> list[str]:
         """Frequency and force with their units, but for that which the curve is traced along."""
-        first = self.points[0]
-        said = {HZ: f"{first.hz:g} Hz", FORCE: f"{first.level:g} N"}
+        said = {HZ: f"{self.points[0].hz:g} Hz", FORCE: f"{self.level:g} N"}
         return [text for key, text in said.items() if key != self.parameter]
 
     @cached_property
