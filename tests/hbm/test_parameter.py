@@ -5,14 +5,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rigs import beam, oscillator
 
 from continuation import Kind, refine
 from hbm.balance.solution import PeriodicSolution
+from hbm.commands.parametertables import print_parameter_curve
 from hbm.fourier import FourierBasis
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import steady_state as shoot
 from hbm.response import bifurcations
+from hbm.response.accuracy import frequency_response
 from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.start import first_solution
 from hbm.response.trace import force_response, steady_state, trace_frequency
@@ -255,3 +258,9 @@ def test_a_curve_says_where_it_folds_back_past_its_start() -> None:
     assert curve.complete and curve.values.min() == pytest.approx(low, rel=1e-3)
     said = f"the curve folds back past its start at {1.2 * low:.6g} N, to {curve.values.min():.6g} N"
     assert curve.past_start == said and repr(curve).endswith(said)
+    console = Console(record=True, width=200)
+    print_parameter_curve(console, curve)
+    assert f"warning: {said}" in console.export_text()
+    sweep = frequency_response(rig, (20.0, 8.0), harmonics=3)
+    assert sweep.past_start == f"the curve folds back past its start at 20 Hz, to {sweep.hz.max():.6g} Hz"
+    assert sweep.past_start in sweep.assessment.warnings
