@@ -187,8 +187,7 @@ class FoldPath:
 
     def place(self, point: SpecialPoint) -> tuple[float, float]:
         """Frequency [Hz] and second number of a special point."""
-        along = self.plane.along
-        return float(point.x[-1]) * along.first.hz_ref, along.value_at(point.lam)
+        return float(point.x[-1]) * self.plane.along.first.hz_ref, self.plane.along.value_at(point.lam)
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -204,13 +203,11 @@ class FoldPath:
         continuation.ConvergenceError
             If one cannot be solved.
         """
-        mu = self.plane.along.lam_at(value)
-        return tuple(self._described(fold.x, fold.lam, mu) for fold in self.located(value))
+        return tuple(self._described(fold.x, fold.lam, self.plane.along.lam_at(value)) for fold in self.located(value))
 
     def located(self, value: float) -> tuple[SpecialPoint, ...]:
         """The folds of :meth:`at` in the unknowns of the plane, with their tangents; `lam` is the frequency there."""
-        mu = self.plane.along.lam_at(value)
-        start = self.parts[0].mu[0]
+        mu, start = self.plane.along.lam_at(value), self.parts[0].mu[0]
         return tuple(
             fold
             for i, part in enumerate(self.parts)
