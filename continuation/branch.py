@@ -57,6 +57,8 @@ class Point:
         Smaller steps failed; the stretch since the point before was jumped over and is unknown.
     fold_lam, corner_lam : float, optional
         Where, if known: cubic Hermite estimate of the fold, meeting point of the two tangents at the corner.
+    fold_x : (N,) array, optional
+        Unknowns at the fold, by the same estimate; not of one at a corner.
     """
 
     x: Array
@@ -73,6 +75,12 @@ class Point:
     jumped: bool = False
     fold_lam: float | None = None
     corner_lam: float | None = None
+    fold_x: Array | None = None
+
+    def __repr__(self) -> str:
+        """Parameter, in the problem's own units, and flags."""
+        flags = [name for name in ("fold", "corner", "branch_point", "jumped") if getattr(self, name)]
+        return ", ".join([f"point at lam = {self.lam:.10g}", f"{self.x.size} unknowns", *flags])
 
     @property
     def state(self) -> Array:

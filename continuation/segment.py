@@ -79,8 +79,9 @@ class Segment:
         """Solution at a fraction u, and the point behind; each with the flags of its part of a smooth stretch."""
         point, behind = self.point(u), self.behind
         folds = [a.tangent_lam * b.tangent_lam < 0.0 for a, b in ((self.before, point), (point, behind))]
-        at = [self.behind.fold_lam if fold else None for fold in folds]
-        return replace(point, fold=folds[0], fold_lam=at[0]), replace(behind, fold=folds[1], fold_lam=at[1])
+        if folds[0]:
+            point = replace(point, fold=True, fold_lam=behind.fold_lam, fold_x=behind.fold_x)
+        return point, behind if folds[1] else replace(behind, fold=False, fold_lam=None, fold_x=None)
 
     def arclength(self, u: float) -> float:
         """Length of the branch up to a fraction u, about."""

@@ -53,6 +53,11 @@ class SpecialPoint:
     arclength: float
     located: bool = True
 
+    def __repr__(self) -> str:
+        """Kind and parameter, in the problem's own units."""
+        where = f"{self.kind.value} at lam = {self.lam:.10g}, {self.x.size} unknowns"
+        return where if self.located else f"{where}; not located, of the point behind"
+
     @property
     def state(self) -> Array:
         """(x, lam), (N + 1,)."""

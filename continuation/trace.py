@@ -242,10 +242,9 @@ def _start_point(frame: Frame, start: Correction) -> Point:
 def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> Point:
     frame, corner = step.frame, step.corner
     fold = float(before.tangent[-1]) * float(frame.tangent[-1]) < 0.0
-    if not fold or step.jumped:
-        turned_at = None
-    else:
-        turned_at = _fold_lam(before, frame, step.length) if corner is None else corner.lam
+    turned_x, turned_at = None, None
+    if fold and not step.jumped:
+        turned_x, turned_at = _fold(before, frame, step.length) if corner is None else (None, corner.lam)
     return Point(
         x=frame.state[:-1],
         lam=float(frame.state[-1]),
@@ -261,13 +260,15 @@ def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> P
         jumped=step.jumped,
         fold_lam=turned_at,
         corner_lam=None if corner is None else corner.lam,
+        fold_x=turned_x,
     )
 
 
-def _fold_lam(before: Frame, behind: Frame, length: float) -> float:
-    """Parameter where it turns between two frames, on the cubic."""
+def _fold(before: Frame, behind: Frame, length: float) -> tuple[Array, float]:
+    """Unknowns and parameter where that turns between two frames, on the cubic."""
     cubic = Stretch.between(before, behind, length)
-    return float(cubic.at(cubic.fold)[-1])
+    state = cubic.at(cubic.fold)
+    return state[:-1], float(state[-1])
 
 
 def _message(end: End, lam: float, number: int) -> str:

@@ -54,6 +54,8 @@ def test_what_is_not_found_with_a_finer_discretisation_is_said(monkeypatch: pyte
     monkeypatch.setattr("hbm.modes.accuracy.numerical_change", lambda _: change)
     said = "frequency and damping change with more harmonics by +0.10% and -0.20%; the same motion was not found with "
     assert f"{said}more samples, more modes" in run(PAPER, *QUICK).stdout
+    change = NumericalChange(1e-6, (0.001, -0.002), lost, None)
+    assert f"{said}more samples; modes not estimated, all are kept" in run(PAPER, *QUICK).stdout
 
 
 def test_the_range_of_a_backbone_that_turns_back_is_printed(tmp_path: Path) -> None:

@@ -69,5 +69,5 @@ def test_bad_input_is_one_line_and_status_2(args: tuple[str, ...], message: str)
 def test_another_file_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     other.write_text("point,level\n1,2\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"line 1: 'point,level'; must be point,level,.*,parameter,h0"):
+    with pytest.raises(InputError, match=r"line 1: 'point,level'; must be point,level,.*,rms,h0"):
         read_parameter_curve(other)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hbm import parameter_response, trace_frequency
+from hbm import force_response, parameter_response, trace_frequency
+from hbm.errors import InputError
 from hbm.figures import plot_curves
 from hbm.figures.parameter import plot_parameter_curve
 from models.bodies.modal import ModalModel
@@ -50,3 +51,23 @@ def test_along_a_number_of_a_channel_its_reading_is_drawn(what: str) -> None:
     assert turned == pytest.approx(turns, abs=1e-4)
     assert peak.get_ylabel().startswith("a1,")
     assert peak.get_ylim()[1] > 1.05 * peak.lines[0].get_ydata().max()
+
+
+def test_curves_are_drawn_along_what_they_were_traced_along() -> None:
+    frequency = trace_frequency(rig(), (8.0, 9.0), harmonics=3)
+    force = force_response(rig(), 8.0, (0.5, 1.0), harmonics=3)
+    cubic = parameter_response(rig(), "joints.c.cubic", (1e9, 2e9), hz=8.0, harmonics=3)
+    for curve, label, legend in (
+        (frequency, "Excitation frequency [Hz]", "1 N"),
+        (force, "Force amplitude [N]", "8 Hz"),
+        (cubic, "joints.c.cubic [N/m3]", "8 Hz, 1 N"),
+    ):
+        axes = plot_curves(curve)
+        assert axes[-1].get_xlabel() == label
+        assert axes[0].get_xlim() == (curve.values.min(), curve.values.max())
+        assert axes[0].get_legend().get_texts()[0].get_text() == legend
+        for ax in axes:
+            drawn = np.concatenate([line.get_xdata() for line in ax.lines if len(line.get_xdata())])
+            assert drawn.min() == curve.values.min() and drawn.max() == curve.values.max()
+    with pytest.raises(InputError, match=r"curves along excitation\.amplitude, joints\.c\.cubic; must all be"):
+        plot_curves([force, cubic])

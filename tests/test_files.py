@@ -20,9 +20,11 @@ from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.accuracy import frequency_response
 from hbm.response.curve import ResponseCurve
+from hbm.response.trace import force_response
 from hbm.rigfiles.load import load_rig
 from hbm.stability.multipliers import Stability
 from hbm.textfiles import check_output, write_together
+from hbm.tracking.parameterresponse import parameter_response
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -140,6 +142,38 @@ def test_a_curve_file_is_read_without_its_companion(written: Path) -> None:
     companion(written).unlink()
     saved = read_curves(written)
     assert (saved[0]["drive"].unit, saved[0].summary) == ("", {})
+
+
+def test_curves_along_the_force_or_a_number_have_it_at_every_point(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    rig, path = curves[0].rig, tmp_path / "c.csv"
+    swept = [force_response(rig, hz, (3.0, 1.0), harmonics=H) for hz, H in ((40.0, 3), (41.0, 5))]
+    write_curves(path, swept)
+    for found, c in zip(read_curves(path), swept, strict=True):
+        assert (found.parameter, found.unit, found.level) == ("excitation.amplitude", "N", 3.0)
+        np.testing.assert_array_equal(found.values, [p.level for p in c.points])
+        np.testing.assert_array_equal(found["drive"].coefficients, c["drive"].coefficients)
+        assert found.summary["folds"] == c.folds and "folds_hz" not in found.summary
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["level"] for row in rows} == {str(p.level) for c in swept for p in c.points}
+    along = parameter_response(rig, "contact.friction.mu", (0.5, 0.55), hz=40.0, harmonics=3)
+    write_curves(path, along)
+    (found,) = read_curves(path)
+    assert (found.parameter, found.unit, found.level) == ("contact.friction.mu", "1", along.level)
+    np.testing.assert_array_equal(found.values, along.values)
+    with pytest.raises(
+        InputError, match=r"curves along excitation\.amplitude, frequency_hz; must all be along the same"
+    ):
+        write_curves(path, [curves[0], swept[0]])
+
+
+def test_curves_of_one_level_stay_apart(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    """As a sweep and a detached curve are."""
+    path, first = tmp_path / "c.csv", curves[0]
+    begun = replace(first, points=first.points[:3], branch=replace(first.branch, points=first.branch.points[:3]))
+    write_curves(path, [begun, first])
+    assert [len(c.hz) for c in read_curves(path)] == [3, len(first.points)]
+    assert [c.summary["points"] for c in read_curves(path)] == [3, len(first.points)]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,22 @@ import numpy as np
 import pytest
 
 import hbm.labelled
-from hbm import load_rig, load_spectra, reconstruct, trace_frequency
+from continuation import Kind
+from continuation.geometry import Frame
+from continuation.special import special
+from hbm import (
+    force_response,
+    load_rig,
+    load_spectra,
+    nonlinear_mode,
+    parameter_response,
+    read_curves,
+    reconstruct,
+    sensitivities,
+    steady_state,
+    trace_frequency,
+    write_curves,
+)
 from hbm.errors import InputError
 from hbm.files.inversefiles import reconstruction_contents
 from models.published import paper_rig
@@ -40,6 +55,53 @@ def test_a_curve_has_its_names_and_units(curve):
     np.testing.assert_array_equal(own.hz, curve.hz)
     np.testing.assert_array_equal(own.peak, curve["a1"].peak)
     np.testing.assert_array_equal(own.a1, curve["a1"].coefficients[:, 1])
+
+
+def test_a_curve_says_what_it_is_along_at_every_point(curve):
+    assert "parameter" not in curve.to_dataframe() and curve.to_xarray().attrs["level_N"] == curve.level
+    swept = force_response(curve.rig, 40.0, (1.0, 3.0), harmonics=3)
+    numbered = parameter_response(curve.rig, "contact.normal_load", (80.0, 83.0), hz=40.0, harmonics=3)
+    for along, key, unit in ((swept, "excitation.amplitude", "N"), (numbered, "contact.normal_load", "N")):
+        found, table = along.to_xarray(), along.to_dataframe()
+        assert found.attrs["parameter"] == key and found.parameter.attrs["units"] == unit
+        own = table[table.channel == "drive"]
+        for given in (found.parameter, own.parameter):
+            np.testing.assert_array_equal(given, along.values)
+        for given in (found.level, own.level):
+            np.testing.assert_array_equal(given, [p.level for p in along.points])
+    assert "level_N" not in swept.to_xarray().attrs
+    assert " points from 1 to 3 N at 40 Hz, " in repr(swept)
+
+
+def test_a_backbone_and_sensitivities_are_tables():
+    mode = nonlinear_mode(paper_rig(), amplitudes=(1e-6, 1e-5), harmonics=3)
+    table, found = mode.to_dataframe(), mode.to_xarray()
+    for own in (table, found):
+        np.testing.assert_array_equal(own.frequency_hz, mode.hz)
+        np.testing.assert_array_equal(own.shape_1_imag, mode.shape[:, 0].imag)
+    s = sensitivities(paper_rig(), steady_state(paper_rig(), 40.0, harmonics=3), ["beam.length", "contact.normal_load"])
+    rows = s.to_dataframe()
+    row = rows[(rows.parameter == "contact.normal_load") & (rows.channel == "drive")].iloc[0]
+    np.testing.assert_array_equal(
+        [row.a0, row.b3, row.peak], [*s["drive"].coefficients[[0, -1], 1], s["drive"].peak[1]]
+    )
+    assert (row.value, row.parameter_unit, row.unit) == (83.0, "N", "m")
+    assert row.relative_peak == s.logarithmic("drive")["contact.normal_load"]
+
+
+def test_what_is_shown_is_short_and_says_units(curve, tmp_path):
+    write_curves(tmp_path / "c.csv", curve)
+    (saved,) = read_curves(tmp_path / "c.csv")
+    count, level = len(curve.points), curve.level
+    least, most = curve["drive"].peak.min(), curve["drive"].peak.max()
+    for own in (curve, saved):
+        assert repr(own["drive"]) == f"{count} points, peak {least:.6g} to {most:.6g} m, 3 harmonics"
+    said = f"curve of {count} points, frequency_hz from 50 to 51 Hz, level {level:g} N; channels force, "
+    assert repr(saved).startswith(said)
+    at = curve.branch.points[0]
+    assert repr(at) == f"point at lam = {at.lam:.10g}, {at.x.size} unknowns"
+    place = special(Kind.FOLD, Frame(at.state, at.tangent, at.tangent, 1), 0.0, 0.0)
+    assert repr(place) == f"fold at lam = {at.lam:.10g}, {at.x.size} unknowns"
 
 
 def test_spectra_have_records_and_channels(spectra):

@@ -1,7 +1,7 @@
 """The command ``hbm backbone``: damped nonlinear normal modes and phase resonance."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -193,6 +193,7 @@ def _deliver(
 def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"], mode: int) -> None:
     from hbm.commands.tables import print_lines, print_rows
     from hbm.files.backbonefiles import backbone_name
+    from hbm.modes.backbone import NonlinearMode
 
     screen, rig = console(), backbones[0].rig
     rows, lines = [], []
@@ -212,6 +213,9 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
             }
         )
         lines.append(f"{backbone_name(b)}, where most damped: {_accuracy(change)}")
+        if isinstance(b, NonlinearMode) and (silent := sum(map(isnan, b.decay_rate))):
+            why = "beside an internal resonance the drive does not stand for the motion"
+            lines.append(f"{backbone_name(b)}: no decay rate at {silent} of {len(b.points)} motions: {why}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
     print_rows(screen, f"{rig.headline}, mode {mode}", rows)
@@ -231,4 +235,5 @@ def _accuracy(change: "NumericalChange") -> str:
     lost = [f"more {how}" for how, (hz, _) in change.by_source.items() if not isfinite(hz)]
     said = [f"frequency and damping change with {', '.join(changed)}"] if changed else []
     said += [f"the same motion was not found with {', '.join(lost)}"] if lost else []
+    said += ["modes not estimated, all are kept"] if change.modes is None else []
     return "; ".join(said)

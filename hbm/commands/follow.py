@@ -113,13 +113,13 @@ def _response(
 
 def _deliver(curve: "ParameterCurve", out: Path | None, plot: Path | None) -> None:
     from hbm.commands.parametertables import print_parameter_curve
-    from hbm.files.parameterfiles import parameter_contents
+    from hbm.files.curves import curve_contents
 
     def drawn() -> "AxesArray":
         from hbm.figures.parameter import plot_parameter_curve
 
         return plot_parameter_curve(curve)
 
-    written = write_result({} if out is None else parameter_contents(out, curve), plot, drawn)
+    written = write_result({} if out is None else curve_contents(out, [curve]), plot, drawn)
     print_parameter_curve(console(), curve)
     print_written(written)

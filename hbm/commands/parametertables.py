@@ -9,7 +9,6 @@ from hbm.tracking.parameterresponse import ParameterCurve
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     """Print the first point, the last, the highest and the folds, and how accurate they are."""
-    rig, first = curve.rig, curve.points[0]
     values, top = curve.values, curve.points.index(curve.peak)
     number = curve.parameter.rpartition(".")[2] + ("" if curve.unit == "1" else f"\n{curve.unit}")
     rows = [
@@ -21,9 +20,8 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
         }
         for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
     ]
-    print_rows(console, rig.headline, rows)
-    held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
-    lines = [f"{counted(len(values), 'point')} at {' and '.join(held)}; {curve.reason}"]
+    print_rows(console, curve.rig.headline, rows)
+    lines = [f"{counted(len(values), 'point')} at {' and '.join(curve.held)}; {curve.reason}"]
     lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]
     lines += [
         f"{b.kind.value} at {curve.parameter} = {curve.value_at(b.special.lam):.6g}"
@@ -32,11 +30,8 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     ]
     if curve.stable is not None:
         lines.append(stable_words(curve))
+    lines += [f"warning: {curve.past_start}"] if curve.past_start else []
     lines += [f"corner at {curve.parameter} = {value:.6g}" for value in curve.corners]
     lines += [f"warning: the tip would lift off from {low:.5g} to {high:.5g}" for low, high in curve.lift_off]
     lines.append(f"more harmonics, samples and modes change the ends and the peak by {curve.error:.2%}")
     print_lines(console, lines)
-
-
-def _excitation(hz: float, level: float) -> dict[str, str]:
-    return {"frequency_hz": f"{hz:g} Hz", "excitation.amplitude": f"{level:g} N"}

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from hbm.integration.jointed import JointHistory
     from hbm.measurement.harmonicestimate import HarmonicEstimate
     from hbm.modes.linear import LinearModes
-    from hbm.response.curve import Assessment, ResponseCurve
+    from hbm.response.assessment import Assessment
+    from hbm.response.curve import ResponseCurve
     from hbm.response.loop import FrictionLoop
 
 NAMES = ("cause", "record", "channel", "law", "example")

@@ -1,4 +1,4 @@
-"""Figures of frequency responses."""
+"""Figures of responses over what they are traced along: the frequency, the force or another number."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,8 @@ from hbm.figures.style import (
 )
 from hbm.figures.units import prefixed
 from hbm.fourier import Array
-from hbm.response.curve import ResponseCurve
+from hbm.response.curve import ResponseCurve, expect_alike
+from hbm.sensitivity.scalars import FORCE, HZ
 from models.jointed import JointedRig
 from models.rig import Rig
 
@@ -40,17 +41,19 @@ MARKERS = {
     "ends here": ("x", 6.0),
 }
 
+NAMES = {HZ: "Excitation frequency", FORCE: "Force amplitude"}
+
 IN_A_COLUMN = 6
 """Largest number of entries of a legend that stand below each other."""
 
 
 def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
-    """Page with everything about some frequency responses: amplitude, phase, slip, friction, reaction.
+    """Page with everything about some responses: amplitude, phase, slip, friction, reaction.
 
     Parameters
     ----------
     curves : ResponseCurve or sequence of them
-        Levels to overlay.
+        Curves to overlay, all along the same: the frequency, the force or another number.
     axes : array of five Axes, or of four for a rig with joints, optional
         Where to draw; a new figure where omitted.
 
@@ -67,19 +70,19 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     plot_phase(curves, rows[1])
     if jointed:
         draw_joints(curves, rows[2], rows[3])
-        rows[3].set_xlabel("Excitation frequency [Hz]", color=INK)
+        rows[3].set_xlabel(over(curves), color=INK)
     else:
         plot_contact(curves, rows[2:])
     for ax in rows[:-1]:
         ax.set_xlabel("")
-    ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
+    ends = [value for c in curves for value in (float(c.values.min()), float(c.values.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     headed(rows[0], rig.name if jointed else rig.headline)
     return align_labels(rows)
 
 
 def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bool = True) -> Axes:
-    """Peak drive displacement over the excitation frequency.
+    """Peak drive displacement over the excitation frequency, or what else the curves are traced along.
 
     Parameters
     ----------
@@ -123,7 +126,7 @@ def phase_degrees(curve: ResponseCurve) -> Array:
 
 
 def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
-    """Slip, friction force and normal reaction over the excitation frequency.
+    """Slip, friction force and normal reaction over the excitation frequency, or what the curves are traced along.
 
     Slip and friction are peaks over the period; the largest and the least reaction are drawn, with the
     static load and, where the reaction comes near it, the zero at which the tip lifts off.
@@ -179,14 +182,17 @@ def listed(curves: Curves, where: str) -> list[ResponseCurve]:
     Raises
     ------
     InputError
-        If there is none.
+        If there is none, or they are not all along the same.
     """
-    return [c.dense for c in one_or_several(curves, ResponseCurve, where, "curves")]
+    found = one_or_several(curves, ResponseCurve, where, "curves")
+    expect_alike(found, where)
+    return [c.dense for c in found]
 
 
 def over(curves: Sequence[ResponseCurve]) -> str:
-    """Label of what is varied along curves: frequency, or force."""
-    return "Force amplitude [N]" if curves[0].problem.parameter == "force" else "Excitation frequency [Hz]"
+    """Label of what is varied along curves: frequency, force, or the key of another number, with its unit."""
+    key, unit = curves[0].parameter, curves[0].unit
+    return NAMES.get(key, key) + ("" if unit == "1" else f" [{unit}]")
 
 
 def mark(ax: Axes, curve: ResponseCurve, scale: float, color: Color) -> None:
@@ -211,7 +217,7 @@ def _places(curve: ResponseCurve) -> dict[str, tuple[Array, Array]]:
     points, y = curve.branch.points, curve["drive"].peak
     at = {
         "corner": [i for i, p in enumerate(points) if p.corner],
-        "fold": [i for i, p in enumerate(points) if p.fold],
+        "fold": [i for i, p in enumerate(points) if p in curve.folded],
         "ends here": [] if curve.complete else [len(points) - 1],
     }
     places = {kind: (curve.values[i], y[i]) for kind, i in at.items()}

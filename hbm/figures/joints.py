@@ -101,7 +101,9 @@ def _level_handles(curves: Sequence["ResponseCurve"], widths: Sequence[float]) -
     """Entries of a legend for levels, if there are several."""
     if len(curves) == 1:
         return []
-    return [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in zip(widths, curves, strict=True)]
+    return [
+        Line2D([], [], color=INK, linewidth=w, label=", ".join(c.held)) for w, c in zip(widths, curves, strict=True)
+    ]
 
 
 HistoryRow = tuple[Sequence[str], str, Sequence[Mapping[str, Any]]]

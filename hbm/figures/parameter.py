@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.figures.curves import draw_peaks, explain, least_reaction, mark
+from hbm.figures.curves import draw_peaks, explain, least_reaction, mark, over
 from hbm.figures.joints import draw_joints
 from hbm.figures.scales import logarithmic, phases
 from hbm.figures.stretches import draw_line
@@ -32,8 +32,7 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
     curve = curve.dense
     table, _, rest = curve.parameter.partition(".")
     rows = _draw_channel(curve, rest.rpartition(".")[0], axes) if table == "channels" else _draw_motion(curve, axes)
-    unit = "" if curve.unit == "1" else f" [{curve.unit}]"
-    rows[-1].set_xlabel(curve.parameter + unit, color=INK)
+    rows[-1].set_xlabel(over([curve]), color=INK)
     headed(rows[0], _title(curve))
     explain(rows[0])
     return align_labels(rows)
@@ -84,8 +83,5 @@ def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:
 
 
 def _title(curve: ParameterCurve) -> str:
-    first = curve.points[0]
-    held = {"frequency_hz": f"{first.hz:g} Hz", "excitation.amplitude": f"{first.level:g} N"}
-    said = [text for key, text in held.items() if key != curve.parameter]
     law = [curve.rig.law_name] if isinstance(curve.rig, Rig) else []
-    return ", ".join([curve.rig.name, *law, *said])
+    return ", ".join([curve.rig.name, *law, *curve.held])

@@ -25,7 +25,7 @@ def draw_line(
     **style: Any,
 ) -> None:
     """Draw a line over what is varied, dashed where the curve says it is unstable, dotted in doubt."""
-    label = f"{curve.level:g} N" if label is None else label
+    label = ", ".join(curve.held) if label is None else label
     style |= {"color": color, "linewidth": linewidth}
     if curve.stable is None or curve.doubtful is None:
         ax.plot(curve.values, y, label=label, **style)

@@ -7,7 +7,6 @@ import numpy as np
 
 from hbm.files.outputs import Columns, column_rows, with_companion
 from hbm.files.version import installed_version
-from hbm.fourier import Array
 from hbm.modes.accuracy import NumericalChange
 from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
@@ -54,37 +53,7 @@ def backbone_name(backbone: Backbone) -> str:
 
 
 def _columns(backbone: Backbone) -> Columns:
-    numbers: dict[str, Array] = {
-        "amplitude_m": backbone.amplitude,
-        "frequency_hz": backbone.hz,
-        "damping_ratio": backbone.damping_ratio,
-        "decay_rate_1_s": _decay_rate(backbone),
-        "force_n": backbone.force,
-        "energy_lost_j": backbone.lost,
-        "friction_loss_j": backbone.rubbed,
-        **_where_it_touches(backbone),
-    }
-    shape = backbone.shape.T
-    for i, column in enumerate(shape, start=1):
-        numbers |= {f"shape_{i}_real": column.real, f"shape_{i}_imag": column.imag}
-    kind, count = backbone_name(backbone), len(backbone.points)
-    return {"backbone": np.full(count, kind), "point": np.arange(1, count + 1), **numbers}
-
-
-def _where_it_touches(backbone: Backbone) -> dict[str, Array]:
-    """Peaks of motion and force at every port, such as ``tip.motion_m`` and ``tip.force_n``; and of a reaction."""
-    rig, points, found = backbone.rig, backbone.points, dict[str, Array]()
-    for *names, units in zip(rig.motions, rig.forces, rig.units, strict=True):
-        for name, unit in zip(names, units, strict=True):
-            found[f"{name}_{unit.lower().replace(' ', '_')}"] = np.array([p[name].peak for p in points])
-    if "normal" in rig.computed:
-        found["normal_min_n"] = np.array([p["normal"].samples.min() for p in points])
-        found["normal_max_n"] = np.array([p["normal"].peak for p in points])
-    return found
-
-
-def _decay_rate(backbone: Backbone) -> Array:
-    return backbone.decay_rate if isinstance(backbone, NonlinearMode) else np.full(len(backbone.points), np.nan)
+    return {"backbone": np.full(len(backbone.points), backbone_name(backbone)), **backbone.columns}
 
 
 def _summary(backbone: Backbone, change: NumericalChange) -> dict[str, Any]:
@@ -100,5 +69,5 @@ def _summary(backbone: Backbone, change: NumericalChange) -> dict[str, Any]:
         "folds_m": backbone.folds,
         "lift_off_from_m": backbone.lift_off,
         "change_at_m": change.amplitude,
-        "change_of_frequency_and_damping": dict(change.by_source),
+        "change_of_frequency_and_damping": {**change.by_source, "modes": change.modes},
     }

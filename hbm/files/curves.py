@@ -20,11 +20,16 @@ from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
-from hbm.response.curve import ChannelCurve, NumericalError, ResponseCurve
+from hbm.response.assessment import NumericalError
+from hbm.response.curve import ChannelCurve, ResponseCurve, expect_alike
+from hbm.sensitivity.scalars import HZ
 from hbm.textfiles import Contents, StrPath, check_ending, csv_text, read_rows, why, write_together
+from hbm.tracking.parameterresponse import ParameterCurve
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
+NUMBER = ("parameter",)
+"""Column of the number that curves are along, where that is not the frequency alone: before the harmonics."""
 
 
 # ----------------------------------------------------------------------------------------------------- writing
@@ -38,7 +43,8 @@ def write_curves(path: StrPath, curves: ResponseCurve | Sequence[ResponseCurve])
     path : str or path
         CSV file; the companion is :func:`companion` of it.
     curves : ResponseCurve or sequence of them
-        One per level, of one rig. Columns go up to the largest H, blank where a curve has fewer.
+        Of one rig, all along the same: one per level along the frequency, or along the force or another number, whose
+        values are then the column ``parameter``. Columns go up to the largest H, blank where a curve has fewer.
 
     Returns
     -------
@@ -48,7 +54,7 @@ def write_curves(path: StrPath, curves: ResponseCurve | Sequence[ResponseCurve])
     Raises
     ------
     InputError
-        If there are no curves, or the files cannot be written; then neither is.
+        If there are no curves, they are not along the same, or the files cannot be written; then neither is.
     """
     check_ending(path, (".csv",), "write_curves: path")
     return write_together(curve_contents(path, one_or_several(curves, ResponseCurve, "write_curves", "curves")))
@@ -56,7 +62,8 @@ def write_curves(path: StrPath, curves: ResponseCurve | Sequence[ResponseCurve])
 
 def curve_contents(path: StrPath, curves: Sequence[ResponseCurve]) -> Contents:
     """What :func:`write_curves` writes."""
-    return with_companion(path, _table(curves), curve_summary(curves))
+    expect_alike(curves, "write_curves")
+    return with_companion(path, _table(curves), _summary(curves))
 
 
 def write_history(path: StrPath, history: TimeHistory | JointHistory, *, contact: bool = False) -> list[Path]:
@@ -93,29 +100,36 @@ def history_contents(path: StrPath, history: TimeHistory | JointHistory, *, cont
     return {Path(path): csv_text(chain([["time_s", *signals]], columns))}
 
 
-def columns(H: int) -> list[str]:
-    """Columns of a curve file."""
-    return [*KEYS, "h0", *(f"h{k}_{part}" for k in range(1, H + 1) for part in ("cos", "sin"))]
+def columns(H: int, named: Sequence[str] = ()) -> list[str]:
+    """Columns of a curve file; with the number that a curve is along, unless that is the frequency alone."""
+    return [*KEYS, *named, "h0", *(f"h{k}_{part}" for k in range(1, H + 1) for part in ("cos", "sin"))]
 
 
 def _table(curves: Sequence[ResponseCurve]) -> Iterator[list[Any]]:
     """Heading, and the rows of the curves filled with blanks up to the largest H."""
-    heading = columns(max(c.basis.H for c in curves))
+    heading = columns(max(c.basis.H for c in curves), NUMBER if any(map(_named, curves)) else ())
     yield heading
-    for row in chain.from_iterable(map(curve_rows, curves)):
+    for row in chain.from_iterable(map(_rows, curves)):
         yield row + [""] * (len(heading) - len(row))
 
 
-def curve_rows(curve: ResponseCurve) -> Iterator[list[Any]]:
+def _named(curve: ResponseCurve) -> bool:
+    """Whether a curve has a column for the number that it is traced along."""
+    return isinstance(curve, ParameterCurve) or curve.parameter != HZ
+
+
+def _rows(curve: ResponseCurve) -> Iterator[list[Any]]:
     """Rows of a curve, point by point and channel by channel."""
     stable = _stability(curve)
     channels = {
         name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.coefficients)) for name, c in curve.channels.items()
     }
-    hz, level = curve.hz.tolist(), float(curve.level)
+    hz, values, named = curve.hz.tolist(), curve.values.tolist(), _named(curve)
+    force = curve.force.tolist() if named else [float(curve.level)] * len(hz)
     for i in range(len(hz)):
+        number = [values[i]] if named else []
         for name, (peak, rms, coefficients) in channels.items():
-            yield [i + 1, level, hz[i], stable[i], name, peak[i], rms[i], *coefficients[i]]
+            yield [i + 1, force[i], hz[i], stable[i], name, peak[i], rms[i], *number, *coefficients[i]]
 
 
 def _in_pairs(harmonics: Array) -> list[list[float]]:
@@ -136,9 +150,10 @@ def _stability(curve: ResponseCurve) -> list[str]:
 # --------------------------------------------------------------------------------------------------- companion
 
 
-def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
+def _summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
     """Content of the companion of curves."""
     first = curves[0]
+    along = {"parameter": {"key": first.parameter, "unit": first.unit}} if any(map(_named, curves)) else {}
     return {
         "schema": SCHEMA,
         "version": installed_version(),
@@ -146,13 +161,15 @@ def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
         "law": first.rig.law_name,
         "units": {name: channel.unit for name, channel in first.channels.items()},
         "levels": [_level(c) for c in curves],
+        **along,
     }
 
 
 def _level(curve: ResponseCurve) -> dict[str, Any]:
-    known = curve.assessment
+    known, named = curve.assessment, _named(curve)
+    hz = "" if named else "_hz"  # along another number in the unit of that, which the companion names
     return {
-        "level": curve.level,
+        "level": curve.points[0].level if named else curve.level,
         "points": len(curve.points),
         "complete": curve.complete,
         "message": curve.branch.message,
@@ -163,14 +180,24 @@ def _level(curve: ResponseCurve) -> dict[str, Any]:
         "warnings": list(known.warnings) if known else [],
         "numerical_error": _error(known.error) if known else None,
         "energy_error": max(abs(p.energy_error) for p in curve.points),
-        "folds_hz": list(curve.folds),
-        "corners_hz": list(curve.corners),
-        "lift_off_hz": list(curve.lift_off),
+        f"folds{hz}": list(curve.folds),
+        f"corners{hz}": list(curve.corners),
+        f"lift_off{hz}": list(curve.lift_off),
         "bifurcations": [
             {"kind": b.kind.value, "frequency_hz": b.hz, "level": b.level, "before_point": b.behind + 1}
+            | ({"parameter": curve.value_at(b.special.lam)} if named else {})
             for b in curve.bifurcations
         ],
+        **(
+            {"reason": curve.reason, "numerical_error": _ends_and_peak(curve)}
+            if isinstance(curve, ParameterCurve)
+            else {}
+        ),
     }
+
+
+def _ends_and_peak(curve: ParameterCurve) -> dict[str, float]:
+    return {"ends_and_peak": curve.error}
 
 
 def _error(error: NumericalError) -> dict[str, Any]:
@@ -192,7 +219,7 @@ class SavedCurve:
     Attributes
     ----------
     level : float
-        Force amplitude [N].
+        Force amplitude [N]; along the force, that of the first point.
     hz : (points,) array
         Excitation frequency [Hz].
     stable : (points,) array
@@ -200,7 +227,12 @@ class SavedCurve:
     channels : dict of str to ChannelCurve
         As in :class:`hbm.ResponseCurve`; the unit is empty without the companion.
     summary : dict
-        Entries of the companion for this level, empty without it.
+        Entries of the companion for this curve, empty without it.
+    parameter, unit : str
+        What the curve was traced along, as a key of the rig file, and the unit of that; empty where that was not the
+        frequency and there is no companion.
+    values : (points,) array
+        Values of that.
     """
 
     level: float
@@ -208,6 +240,17 @@ class SavedCurve:
     stable: Array
     channels: Mapping[str, ChannelCurve]
     summary: Mapping[str, Any]
+    parameter: str
+    unit: str
+    values: Array
+
+    def __repr__(self) -> str:
+        """What it is along, from where to where, and its channels."""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return (
+            f"curve of {len(self.values)} points, {self.parameter or 'parameter'} from {self.values[0]:.6g} to "
+            f"{self.values[-1]:.6g}{unit}, level {self.level:g} N; channels {', '.join(self.channels)}"
+        )
 
     def __getitem__(self, name: str) -> ChannelCurve:
         """Channel by name."""
@@ -220,12 +263,12 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     Parameters
     ----------
     path : str or path
-        CSV file of :func:`write_curves`.
+        CSV file of :func:`write_curves`, ``hbm frf`` or ``hbm continue``.
 
     Returns
     -------
     list of SavedCurve
-        One per level, in the order of the file.
+        In the order of the file: along the frequency one per level, and another where points start again.
 
     Raises
     ------
@@ -234,21 +277,46 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     """
     rows = read_rows(path, "a curve file (CSV)")
     heading = next(rows, (0, []))[1]
-    H = (len(heading) - len(KEYS) - 1) // 2
-    if heading != columns(H):
-        raise InputError(f"{path} line 1: {','.join(heading[:9])!r}; must be {','.join(KEYS)},h0,h1_cos,h1_sin,...")
-    levels: dict[float, dict[str, list[list[float]]]] = {}
+    named = NUMBER if NUMBER[0] in heading else ()
+    H = (len(heading) - len(KEYS) - len(named) - 1) // 2
+    if heading != columns(H, named):
+        raise InputError(
+            f"{path} line 1: {','.join(heading[:9])!r}; must be {','.join(columns(0, named))},h1_cos,h1_sin,..."
+        )
+    tables: dict[float | None, list[_Table]] = {}  # by level; along another number there is but one list
     for line, row in rows:
-        level, channel, numbers = parsed(row, len(heading), f"{path} line {line}")
-        levels.setdefault(level, {}).setdefault(channel, []).append(numbers)
+        level, channel, numbers = _parsed(row, len(heading), f"{path} line {line}")
+        own = tables.setdefault(None if named else level, [])
+        if not own or row[0] in own[-1].seen.get(channel, ()):
+            own.append(_Table(level))
+        own[-1].add(row[0], channel, numbers)
     summary = summary_of(path)
-    units = summary.get("units", {})
-    said = {entry["level"]: entry for entry in summary.get("levels", [])}
-    return [saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
+    said: dict[float, list[dict[str, Any]]] = {}
+    for entry in summary.get("levels", []):
+        said.setdefault(entry["level"], []).append(entry)
+    return [
+        _saved(table, summary, said[table.level].pop(0) if said.get(table.level) else {}, named=bool(named))
+        for own in tables.values()
+        for table in own
+    ]
 
 
-def parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
-    """Level, channel, and the numbers frequency, stable, peak, rms, h0, h1_cos... with nan where blank."""
+class _Table:
+    """Rows of one curve by channel, and the points that each has."""
+
+    def __init__(self, level: float) -> None:
+        self.level = level
+        self.rows: dict[str, list[list[float]]] = {}
+        self.seen: dict[str, set[str]] = {}
+
+    def add(self, point: str, channel: str, numbers: list[float]) -> None:
+        """Add a row."""
+        self.rows.setdefault(channel, []).append(numbers)
+        self.seen.setdefault(channel, set()).add(point)
+
+
+def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
+    """Level, channel, and the numbers frequency, stable, peak, rms, ... with nan where blank."""
     if len(row) != columns:
         raise InputError(f"{where}: {len(row)} entries; must have {columns}")
     try:
@@ -258,18 +326,23 @@ def parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[f
         raise InputError(f"{where}: {bad}; must be a number") from None
 
 
-def saved(
-    level: float, table: dict[str, list[list[float]]], units: Mapping[str, str], said: Mapping[str, Any]
-) -> SavedCurve:
+def _saved(table: _Table, summary: Mapping[str, Any], said: Mapping[str, Any], *, named: bool) -> SavedCurve:
     """A curve of the numbers of its channels, point by point."""
-    arrays = {name: np.array(rows) for name, rows in table.items()}
+    arrays = {name: np.array(rows) for name, rows in table.rows.items()}
     first = next(iter(arrays.values()))
+    units = summary.get("units", {})
+    along = summary.get("parameter", {}) if named else {"key": HZ, "unit": "Hz"}
     return SavedCurve(
-        level=level,
+        level=table.level,
         hz=first[:, 0],
         stable=first[:, 1],
-        channels={name: _channel(a, units.get(name, "")) for name, a in arrays.items()},
+        channels={
+            name: _channel(np.delete(a, 4, 1) if named else a, units.get(name, "")) for name, a in arrays.items()
+        },
         summary=said,
+        parameter=along.get("key", ""),
+        unit=along.get("unit", ""),
+        values=first[:, 4] if named else first[:, 0],
     )
 
 

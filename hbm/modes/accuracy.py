@@ -21,19 +21,22 @@ class NumericalChange:
     ----------
     amplitude : float
         Amplitude of the drive [m].
-    harmonics, samples, modes : (float, float)
-        Changes of frequency and damping ratio, with 1.5 times the harmonics, twice the samples, twice the modes.
+    harmonics, samples : (float, float)
+        Changes of frequency and damping ratio, with 1.5 times the harmonics, twice the samples.
+    modes : (float, float) or None
+        The same with twice the modes; None where all that the body has are kept.
     """
 
     amplitude: float
     harmonics: tuple[float, float]
     samples: tuple[float, float]
-    modes: tuple[float, float]
+    modes: tuple[float, float] | None
 
     @property
     def by_source(self) -> dict[str, tuple[float, float]]:
         """The changes by what was made finer."""
-        return {"harmonics": self.harmonics, "samples": self.samples, "modes": self.modes}
+        sources = {"harmonics": self.harmonics, "samples": self.samples, "modes": self.modes}
+        return {source: change for source, change in sources.items() if change is not None}
 
 
 @one_thread
@@ -48,12 +51,13 @@ def numerical_change(backbone: Backbone, i: int | None = None) -> NumericalChang
     """
     i = int(np.argmax(backbone.damping_ratio)) if i is None else i
     rig, (H, N_t) = backbone.rig, (backbone.problem.balance.basis.H, backbone.problem.balance.basis.N_t)
-    finer = (
-        (rig, FourierBasis(H + (H + 1) // 2, max(N_t, default_samples(H + (H + 1) // 2)))),
-        (rig, FourierBasis(H, 2 * N_t)),
-        (rig.with_modes(2 * rig.structure.n), FourierBasis(H, N_t)),
+    more, most = rig.with_modes(2 * rig.structure.n), H + (H + 1) // 2
+    return NumericalChange(
+        float(backbone.amplitude[i]),
+        harmonics=_changed(backbone, i, rig, FourierBasis(most, max(N_t, default_samples(most)))),
+        samples=_changed(backbone, i, rig, FourierBasis(H, 2 * N_t)),
+        modes=_changed(backbone, i, more, FourierBasis(H, N_t)) if more.structure.n > rig.structure.n else None,
     )
-    return NumericalChange(float(backbone.amplitude[i]), *(_changed(backbone, i, *setting) for setting in finer))
 
 
 def _changed(backbone: Backbone, i: int, rig: AnyRig, basis: FourierBasis) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,9 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import USUAL, basis_for
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.labelled import dataset, frame
 from hbm.modes.amplitudes import solved, traced
+from hbm.modes.columns import columns_of
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
 from hbm.response.budget import Budget, OnPoint
@@ -89,6 +91,11 @@ class Backbone(ABC):
         return np.asarray(self.lost / (2 * np.pi * np.array([_squared_velocity(p) for p in self.points])))
 
     @property
+    def decay_rate(self) -> Array:
+        """Rate at which the drive amplitude of a free decay falls, (points,) [1/s]; nan: only a free motion decays."""
+        return np.full(len(self.points), np.nan)
+
+    @property
     def decaying_hz(self) -> Array:
         """Frequency of a free decay that passes through each motion, (points,) [Hz]."""
         return np.asarray(self.hz * np.sqrt(np.maximum(1.0 - self.damping_ratio**2, 0.0)))
@@ -109,6 +116,32 @@ class Backbone(ABC):
         """Share of each mode in the kinetic energy of the fundamental, (points, n)."""
         squared = np.abs(self.shape) ** 2
         return np.asarray(squared / squared.sum(axis=1, keepdims=True))
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Columns of a table, a row for each motion; names end in units."""
+        return columns_of(self)
+
+    def to_dataframe(self) -> Any:
+        """The :attr:`columns`, those of a file of ``hbm backbone``, as a pandas.DataFrame.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return frame("to_dataframe", self.columns)
+
+    def to_xarray(self) -> Any:
+        """The :attr:`columns` over the point, as an xarray.Dataset.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        variables = {name: (("point",), values, "") for name, values in self.columns.items()}
+        return dataset("to_xarray", variables, {"point": variables.pop("point")}, rig=self.rig.name)
 
     @property
     def lift_off(self) -> float | None:
@@ -224,21 +257,27 @@ class NonlinearMode(Backbone):
 
     @cached_property
     def decay_rate(self) -> Array:
-        """Rate -A'/A at which the drive amplitude A of a free decay falls, (points,) [1/s].
+        """Rate -A'/A at which the drive amplitude A of a free decay falls, (points,) [1/s]; nan where it tells nothing.
 
         Averaged over a period, the action (sum of the squared velocities over the frequency) falls at the rate xi; the
-        amplitude falls at half that rate where frequency and shape do not change with it.
+        amplitude falls at half that rate where frequency and shape do not change with it. Of the motion of a single
+        mode the shape changes little. It is nan where its change changes the action by more than half of what amplitude
+        and frequency do, or harmonics hold more of the action than the fundamental: beside internal resonances.
         """
-        growth = np.array([self._action_growth(p) for p in self.branch.points])
-        return np.asarray(4 * np.pi * self.hz * self.damping_ratio / growth)
+        by_frequency, by_shape, harmonics = np.array([self._action_growth(p) for p in self.branch.points]).T
+        alike = 2.0 + by_frequency
+        rate = 4 * np.pi * self.hz * self.damping_ratio / (alike + by_shape)
+        return np.where((np.abs(by_shape) < 0.5 * alike) & (harmonics < 0.5), rate, np.nan)
 
-    def _action_growth(self, point: Point) -> float:
-        """Derivative d ln(action) / d ln A, from the tangent."""
+    def _action_growth(self, point: Point) -> tuple[float, float, float]:
+        """Derivatives d ln(action) / d ln A by frequency and shape, from the tangent; share of the harmonics from 2."""
         balance, split = self.problem.balance, self.problem.balance.basis.size * self.problem.balance.structure.n
-        squared = np.repeat(balance.basis.k**2, balance.structure.n)
+        k = np.repeat(balance.basis.k, balance.structure.n)
         Q, by_step = point.x[:split], point.tangent_x
-        by_lam = 2 * float(squared * Q @ by_step[:split]) / float(squared * Q @ Q) + by_step[-2] / point.x[-2]
-        return 2.0 + float(by_lam / (np.log(10.0) * point.tangent_lam))
+        action, along = float(k**2 * Q @ Q), np.log(10.0) * point.tangent_lam
+        by_shape = 2 * float(k**2 * Q @ by_step[:split]) / action
+        harmonics = float(np.sum((k * Q)[k > 1] ** 2)) / action
+        return float(by_step[-2] / point.x[-2] / along), float(by_shape / along), harmonics
 
 
 @dataclass(frozen=True, eq=False, repr=False)

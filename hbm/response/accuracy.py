@@ -16,8 +16,9 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import harmonics_for, holding
 from hbm.errors import expect_level, expect_positive
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.response.assessment import Assessment, NumericalError, Probe
 from hbm.response.budget import Budget, OnPoint
-from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig, JointedRig, JointedStructure
 from models.rig import Rig
@@ -314,6 +315,8 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
     if worst.total > 2 * tolerance and worst is not error.at_peak:
         cause = "modes" if worst.modes > worst.harmonics else "harmonics"
         yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"
+    if curve.past_start:
+        yield curve.past_start
     for low, high in curve.lift_off:
         least = min(p.channels["normal"].samples.min() for p in curve.points)
         yield (

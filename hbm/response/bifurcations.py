@@ -145,7 +145,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
             spans |= {} if followed.along_frequency else {special.arclength: span}
         doubtful |= unknown if rank == 0 else False
     found = sorted(found, key=lambda s: s.arclength)
-    for start, end in kinks(found, lambda s: followed.curve.value_at(s.lam), lambda s: s.kind is Kind.FOLD):
+    for start, end in kinks(found, lambda s: (s.x, curve.value_at(s.lam)), lambda s: s.kind is Kind.FOLD):
         found = [s for s in found if s is not start and s is not end]
         doubtful |= [start.arclength <= p.arclength <= end.arclength for p in followed.points]
     kept = followed.kept(doubtful)

@@ -11,95 +11,16 @@ import numpy.typing as npt
 from continuation import Branch, Point, Problem
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
-from hbm.errors import channel_named
+from hbm.errors import InputError, channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, common, dataset, frame, repeated
+from hbm.response.assessment import Assessment
 from hbm.response.bifurcation import Bifurcation
 from hbm.response.kinks import kinks
+from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.multipliers import Stability
 from models.display import Displayed
 from models.jointed import AnyRig
-
-
-@dataclass(frozen=True)
-class Probe:
-    """A point of a curve that was solved again with finer numerics.
-
-    Attributes
-    ----------
-    hz : float
-        Its frequency [Hz].
-    harmonics, samples, modes, total : float
-        Largest change over the period of drive displacement or friction force, relative to the peak of that channel
-        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where the finer
-        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak
-        and where the total is largest).
-    """
-
-    hz: float
-    harmonics: float
-    samples: float
-    modes: float
-    total: float
-
-
-def _share(error: float) -> str:
-    return "not estimated" if np.isnan(error) else f"{error:.2%}"
-
-
-@dataclass(frozen=True)
-class NumericalError:
-    """Estimated numerical error of a curve, relative to the peak of each judged channel.
-
-    Attributes
-    ----------
-    probes : tuple of Probe
-        The points that were solved again, in order of travel.
-    at_peak : Probe
-        The one at the largest drive displacement.
-    closure : float
-        Largest change of the friction state over a period, relative to its range.
-    """
-
-    probes: tuple[Probe, ...]
-    at_peak: Probe
-    closure: float
-
-    @property
-    def worst(self) -> Probe:
-        """The probe of largest total error."""
-        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
-
-    def largest(self, source: str) -> float:
-        """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
-        values = [getattr(p, source) for p in self.probes]
-        return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
-
-    def __repr__(self) -> str:
-        """Say the estimate and where it comes from."""
-        p, w = self.at_peak, self.worst
-        return (
-            f"{_share(p.total)} at the peak (harmonics {_share(p.harmonics)}, samples {_share(p.samples)}, "
-            f"modes {_share(p.modes)}), at most {_share(w.total)} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
-        )
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """Accuracy of a curve.
-
-    Attributes
-    ----------
-    error : NumericalError
-    reason : str
-        Why this number of harmonics and samples.
-    warnings : tuple of str
-        Warnings that a user should know before trusting the curve.
-    """
-
-    error: NumericalError
-    reason: str
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +43,12 @@ class ChannelCurve:
     peak: Array
     rms: Array
 
+    def __repr__(self) -> str:
+        """Peaks and size."""
+        least, most = (f"{value:.6g}" for value in (self.peak.min(), self.peak.max()))
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{len(self.peak)} points, peak {least} to {most}{unit}, {self.coefficients.shape[1] // 2} harmonics"
+
     @property
     def amplitude(self) -> Array:
         """Amplitude of harmonics 0..H, (points, H+1)."""
@@ -131,6 +58,18 @@ class ChannelCurve:
     def phase(self) -> Array:
         """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
         return phases(self.coefficients)
+
+
+def expect_alike(curves: Sequence["ResponseCurve"], where: str) -> None:
+    """Refuse curves that are not all traced along the same.
+
+    Raises
+    ------
+    InputError
+    """
+    along = sorted({curve.parameter for curve in curves})
+    if len(along) > 1:
+        raise InputError(f"{where}: curves along {', '.join(along)}; must all be along the same")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +113,24 @@ class ResponseCurve(Displayed):
 
     @property
     def level(self) -> float:
-        """Nominal force amplitude [N]."""
+        """Nominal force amplitude [N], along the force the largest that was asked for; of each point :attr:`force`."""
         return self.problem.level
+
+    @property
+    def parameter(self) -> str:
+        """What the curve is traced along, as a key of the rig file: ``frequency_hz``, or ``excitation.amplitude``."""
+        return HZ if self.problem.parameter == "frequency" else FORCE
+
+    @property
+    def unit(self) -> str:
+        """Unit of that, 1 where it has none."""
+        return "Hz" if self.parameter == HZ else "N"
+
+    @property
+    def held(self) -> list[str]:
+        """Frequency and force with their units, but for that which the curve is traced along."""
+        said = {HZ: f"{self.points[0].hz:g} Hz", FORCE: f"{self.level:g} N"}
+        return [text for key, text in said.items() if key != self.parameter]
 
     @cached_property
     def hz(self) -> Array:
@@ -244,6 +199,16 @@ class ResponseCurve(Displayed):
         """Parameter of the curve at every point, (points,)."""
         return np.array([self.value_at(p.lam) for p in self.branch.points])
 
+    @property
+    def past_start(self) -> str:
+        """Says how far the curve folds back past its start before it comes to its end; empty where it does not."""
+        begin, end = float(self.values[0]), self.value_at(self.branch.settings.lam_end)
+        furthest = float(self.values.min() if end > begin else self.values.max())
+        if furthest == begin or self.branch.closed:
+            return ""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"the curve folds back past its start at {begin:.6g}{unit}, to {furthest:.6g}{unit}"
+
     @cached_property
     def stable(self) -> npt.NDArray[np.bool_] | None:
         """Whether each point is stable, (points,); None where that was not worked out."""
@@ -262,7 +227,7 @@ class ResponseCurve(Displayed):
     def folded(self) -> frozenset[Point]:
         """Points of its branch just behind folds that are no kinks."""
         points = [p for p in self.branch.points if p.fold]
-        narrow = kinks(points, self.turn_at, lambda p: True)
+        narrow = kinks(points, lambda p: (p.x if p.fold_x is None else p.fold_x, self.turn_at(p)), lambda p: True)
         return frozenset(points).difference(*narrow)
 
     @property
@@ -330,6 +295,9 @@ class ResponseCurve(Displayed):
     def to_xarray(self) -> Any:
         """Coefficients (channel, point, coefficient), peaks and rms values, as an xarray.Dataset with units.
 
+        Frequency and force of every point are the coordinates hz and level. Along another number, or the force, its
+        values are the coordinate parameter; the attribute parameter is its key in the rig file.
+
         Raises
         ------
         InputError
@@ -352,12 +320,18 @@ class ResponseCurve(Displayed):
             "unit": (("channel",), units, ""),
             "coefficient": (("coefficient",), coefficient_names(self.basis.H), ""),
             "hz": (("point",), self.hz, "Hz"),
+            "level": (("point",), self.force, "N"),
+            **({} if self.parameter == HZ else {"parameter": (("point",), self.values, self.unit)}),
             **({} if self.stable is None else {"stable": (("point",), self.stable, "")}),
         }
-        return dataset("to_xarray", variables, coordinates, rig=self.rig.name, level_N=float(self.level))
+        held = {} if self.parameter == FORCE else {"level_N": float(self.level)}
+        return dataset("to_xarray", variables, coordinates, rig=self.rig.name, parameter=self.parameter, **held)
 
     def to_dataframe(self) -> Any:
         """One row a point and channel, as a pandas.DataFrame: hz, channel, unit, peak, rms and every coefficient.
+
+        level is the force of the point [N], parameter the number that the curve is traced along, unless that is the
+        frequency.
 
         Raises
         ------
@@ -370,6 +344,8 @@ class ResponseCurve(Displayed):
             {
                 "point": np.tile(np.arange(1, points + 1), len(curves)),
                 "hz": np.tile(self.hz, len(curves)),
+                "level": np.tile(self.force, len(curves)),
+                **({} if self.parameter == HZ else {"parameter": np.tile(self.values, len(curves))}),
                 "channel": repeated(list(curves), points),
                 "unit": repeated([self.points[0][name].unit for name in curves], points),
                 "peak": np.concatenate([c.peak for c in curves.values()]),
@@ -385,10 +361,12 @@ class ResponseCurve(Displayed):
 
     def __repr__(self) -> str:
         """Say what was found."""
-        top = self.peak
+        top, values = self.peak, self.values
+        along = "" if self.parameter == HZ else f" from {values[0]:.5g} to {values[-1]:.5g} {self.unit}"
         text = (
-            f"{len(self.points)} points at {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples, "
+            f"{len(self.points)} points{along} at {self.held[0]}, H = {self.basis.H}, {self.basis.N_t} samples, "
             f"{self.problem.structure.n} modes; peak {top.channels['drive'].peak * 1e3:.4g} mm "
-            f"at {top.hz:.4g} Hz; {len(self.folds)} folds, {len(self.corners)} corners"
+            f"at {values[self.points.index(top)]:.4g} {self.unit}; {len(self.folds)} folds, "
+            f"{len(self.corners)} corners" + (f"; {self.past_start}" if self.past_start else "")
         )
         return text if self.complete else f"{text}; partial: {self.branch.message}"

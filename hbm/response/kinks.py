@@ -6,7 +6,7 @@ on again. Whether the steps of a curve meet such turns is chance; with more samp
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,20 +16,11 @@ MOTION, VALUE = 0.05, 1e-4
 """Two folds one after the other are a kink if the unknowns, and the parameter of the curve, change by less than these
 shares between them."""
 
-
-class Fold(Protocol):
-    """A fold, or a point beside it: the unknowns there."""
-
-    @property
-    def x(self) -> Array:
-        """Unknowns, (N,)."""
-
-
-Passed = TypeVar("Passed", bound=Fold)
+Passed = TypeVar("Passed")
 
 
 def kinks(
-    passed: Sequence[Passed], value_of: Callable[[Passed], float], is_fold: Callable[[Passed], bool]
+    passed: Sequence[Passed], place_of: Callable[[Passed], tuple[Array, float]], is_fold: Callable[[Passed], bool]
 ) -> list[tuple[Passed, Passed]]:
     """Pairs of folds that are a kink each, the narrowest first; what lies between two of a pair is none of the list.
 
@@ -37,8 +28,8 @@ def kinks(
     ----------
     passed : sequence
         What a curve passes, in the order of travel.
-    value_of : callable
-        Parameter of the curve there.
+    place_of : callable
+        Unknowns (N,) and parameter of the curve there; of a fold at the fold itself.
     is_fold : callable
         Whether it is a fold.
     """
@@ -47,8 +38,8 @@ def kinks(
     def width(first: Passed, second: Passed) -> float:
         if not (is_fold(first) and is_fold(second)):
             return np.inf
-        moved = float(np.linalg.norm(second.x - first.x) / np.linalg.norm(first.x))
-        value, other = value_of(first), value_of(second)
+        (x, value), (moved_x, other) = place_of(first), place_of(second)
+        moved = float(np.linalg.norm(moved_x - x) / np.linalg.norm(x))
         return max(moved / MOTION, abs(other - value) / (VALUE * abs(value)) if value else np.inf)
 
     while pairs := [(width(*pair), i) for i, pair in enumerate(pairwise(left))]:

@@ -1,21 +1,23 @@
 """The top of a curve: points added until a parabola through three of them has its own among them."""
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from continuation import ConvergenceError
 from continuation.segment import Segment
-from hbm.balance.solution import describe
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
+
+Curve = TypeVar("Curve", bound=ResponseCurve)
 
 PEAK_ACCURACY = 1e-6
 """A peak is located to this fraction of its height."""
 
 
 @one_thread
-def with_peak(curve: ResponseCurve) -> ResponseCurve:
+def with_peak(curve: Curve) -> Curve:
     """Add points around the largest drive displacement until a parabola through them has its top among them."""
     for _ in range(8):
         drive = np.array([p.channels["drive"].peak for p in curve.points])
@@ -32,17 +34,17 @@ def with_peak(curve: ResponseCurve) -> ResponseCurve:
     return curve
 
 
-def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
+def _inserted(curve: Curve, i: int, offset: float) -> Curve:
     """Add the point at arclength `offset` from point i; the curve itself where it is not found."""
     points, found = list(curve.branch.points), list(curve.points)
     at = i + 1 if offset > 0 else i
     before, behind = points[at - 1 : at + 1]
     if behind.corner or behind.jumped:
         return curve
-    stretch = Segment(curve.problem, before, behind, curve.branch.settings, sharply=False)
+    stretch = Segment(curve.traced, before, behind, curve.branch.settings, sharply=False)
     try:
         points[at : at + 1] = stretch.parted(offset / stretch.length % 1.0)
     except ConvergenceError:
         return curve
-    found.insert(at, describe(curve.problem, points[at].x, points[at].lam))
+    found.insert(at, curve.solution_at(points[at].x, points[at].lam))
     return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))

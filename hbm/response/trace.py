@@ -138,7 +138,8 @@ def trace_frequency(
     ----------
     rig : Rig
     hz : (float, float), optional
-        Where to start and where to end [Hz], either may be the larger.
+        Where to start and where to end [Hz], either may be the larger. Where the curve folds back past its start it is
+        followed there, up to 30 % beyond: :attr:`ResponseCurve.past_start` says so.
     level : float, optional
         Force amplitude [N].
     harmonics, samples : int, optional

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from hbm.balance.solution import PeriodicSolution, Signal
 from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
 from hbm.errors import channel_named
 from hbm.fourier import Array, FourierBasis
+from hbm.labelled import coefficient_columns, frame, repeated
 from hbm.sensitivity.held import HeldBalance, friction_change
 from hbm.sensitivity.scalars import solution_numbers
 from models.display import Displayed
@@ -39,6 +41,11 @@ class ChannelSensitivity:
     coefficients: Array
     samples: Array
     peak: Array
+
+    def __repr__(self) -> str:
+        """How many numbers and harmonics."""
+        H, p = len(self.coefficients) // 2, self.coefficients.shape[1]
+        return f"derivatives of {H} harmonics, samples and peak to {p} number{'s' * (p != 1)}"
 
 
 class SeriesSensitivity(ChannelSensitivity):
@@ -90,6 +97,32 @@ class Derivatives(Displayed):
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
         return channel_named(self.channels, name)
+
+    def to_dataframe(self) -> Any:
+        """One row a number and channel, as a pandas.DataFrame: derivatives of its peak and of every coefficient.
+
+        They are in the channel's unit per unit of the number; relative_peak is d ln(peak) / d ln(number).
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        signals, p = self.solution.channels, len(self.parameters)
+        known = [self[name] for name in signals]
+        return frame(
+            "to_dataframe",
+            {
+                "parameter": np.tile(self.parameters, len(signals)),
+                "parameter_unit": np.tile(self.units, len(signals)),
+                "value": np.tile(self.values, len(signals)),
+                "channel": repeated(list(signals), p),
+                "unit": repeated([s.unit for s in signals.values()], p),
+                "peak": np.concatenate([c.peak for c in known]),
+                "relative_peak": np.concatenate([list(self.logarithmic(name).values()) for name in signals]),
+                **coefficient_columns(np.stack([c.coefficients.T for c in known])),
+            },
+        )
 
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.

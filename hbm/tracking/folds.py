@@ -187,8 +187,7 @@ class FoldPath:
 
     def place(self, point: SpecialPoint) -> tuple[float, float]:
         """Frequency [Hz] and second number of a special point."""
-        along = self.plane.along
-        return float(point.x[-1]) * along.first.hz_ref, along.value_at(point.lam)
+        return float(point.x[-1]) * self.plane.along.first.hz_ref, self.plane.along.value_at(point.lam)
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -196,16 +195,19 @@ class FoldPath:
         unit = self.key.accepted.unit.removeprefix("1")
         return tuple(in_units(part.message, "mu", self.plane.along.value_at, unit) for part in self.parts)
 
-    def at(self, value: float) -> tuple[SpecialPoint, ...]:
-        """Folds where the second number has a value; `lam` is the frequency in units of the plane.
+    def at(self, value: float) -> tuple[PeriodicSolution, ...]:
+        """The solution at every fold where the second number has a value; its `hz` is the frequency [Hz].
 
         Raises
         ------
         continuation.ConvergenceError
             If one cannot be solved.
         """
-        mu = self.plane.along.lam_at(value)
-        start = self.parts[0].mu[0]
+        return tuple(self._described(fold.x, fold.lam, self.plane.along.lam_at(value)) for fold in self.located(value))
+
+    def located(self, value: float) -> tuple[SpecialPoint, ...]:
+        """The folds of :meth:`at` in the unknowns of the plane, with their tangents; `lam` is the frequency there."""
+        mu, start = self.plane.along.lam_at(value), self.parts[0].mu[0]
         return tuple(
             fold
             for i, part in enumerate(self.parts)
@@ -361,7 +363,7 @@ def isolas(
     settings = replace(trace_settings(problem, low, high, (high - low) / 50), lam_min=low, lam_max=high)
     branches = [_states(problem, curve.points) for curve in met]
     found: list[ResponseCurve] = []
-    for fold in path.at(value):
+    for fold in path.located(value):
         x = signs * fold.x
         if any(_apart(np.append(x, fold.lam), states, problem) < APART for states in branches):
             continue

@@ -20,15 +20,13 @@ from hbm.parallel import one_thread
 from hbm.response.accuracy import TOLERANCE, finer, ladder, relative_change, scales_of
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
+from hbm.response.peak import with_peak
 from hbm.response.start import first_solution
 from hbm.response.steps import EXCURSION, trace_settings
 from hbm.response.trace import SCOUTED, solve_near
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig
-
-STEPS = 50
-"""Fewest steps from the first value to the last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +97,7 @@ class ParameterCurve(ResponseCurve):
             f"H = {self.basis.H}, {self.basis.N_t} samples, {self.problem.structure.n} modes; peak "
             f"{top.channels['drive'].peak * 1e3:.4g} mm at {values[self.points.index(top)]:.5g}; "
             f"{len(self.folds)} folds, {len(self.corners)} corners; numerical error {self.error:.2%}"
+            + (f"; {self.past_start}" if self.past_start else "")
         )
         return text if self.complete else f"{text}; partial: {self.branch.message}"
 
@@ -124,7 +123,8 @@ def parameter_response(
         Key of the number in the rig file, such as ``contact.friction.mu`` or ``beam.length``, of
         :func:`hbm.sensitivity.scalars.solution_numbers`; ``frequency_hz`` for the excitation frequency.
     values : (float, float)
-        First and last value, either may be the larger.
+        First and last value, either may be the larger. Where the curve folds back past the first it is followed there,
+        up to 30 % beyond, as a frequency response is: :attr:`ParameterCurve.past_start` says so.
     hz : float, optional
         Excitation frequency [Hz]; omitted where it is the number.
     level : float, optional
@@ -176,9 +176,9 @@ def parameter_response(
         harmonics = harmonics_for(rig, harmonics, "parameter_response")
         reason = f"H = {harmonics} as asked for"
     problem = along(harmonics)
-    branch = _trace(problem, 1.0 / STEPS, budget, on_point)
+    branch = _trace(problem, budget, on_point)
     points = tuple(problem.describe(p.x, p.lam) for p in branch.points)
-    curve = ParameterCurve(rig, points, branch, problem.first, along=problem, error=np.nan, reason=reason)
+    curve = with_peak(ParameterCurve(rig, points, branch, problem.first, along=problem, error=np.nan, reason=reason))
     return replace(curve, error=_error(curve))
 
 
@@ -208,20 +208,20 @@ def checked(
     return number
 
 
-def _trace(problem: ParameterBalance, step: float, budget: Budget | None, on_point: OnPoint | None = None) -> Branch:
+def _trace(problem: ParameterBalance, budget: Budget | None, on_point: OnPoint | None = None) -> Branch:
     first, unit = problem.first, problem.key.accepted.unit
     along = Along(problem.value_at, "" if unit == "1" else unit)
     x = first_solution(first, first.lam_at(problem.hz_at(0.0)))
-    return continue_within(budget, along, problem, x, 0.0, _settings(problem, step), on_point)
+    return continue_within(budget, along, problem, x, 0.0, _settings(problem), on_point)
 
 
-def _settings(problem: ParameterBalance, step: float) -> Settings:
+def _settings(problem: ParameterBalance) -> Settings:
     """Settings whose interval goes as far beyond both values as that of a frequency does, within the bounds."""
     low, high = sorted(problem.values)
     p = problem.key.accepted
     low, high = max(low - EXCURSION * abs(low), p.lower), min(high + EXCURSION * abs(high), p.upper)
     ends = sorted((problem.lam_at(low), problem.lam_at(high)))
-    return replace(trace_settings(problem.first, 0.0, 1.0, step), lam_min=ends[0], lam_max=ends[1])
+    return replace(trace_settings(problem.first, 0.0, 1.0), lam_min=ends[0], lam_max=ends[1])
 
 
 # ---- how accurate it is
@@ -248,7 +248,7 @@ def _choose_harmonics(
     """Fewest harmonics of the ladder that keep the telling points of a coarse curve within the tolerance."""
     tried = ladder(rig)
     pilot = along(tried[0], sampled(tried[0], SCOUTED).N_t)
-    branch = _trace(pilot, 1.0 / 20, budget)
+    branch = _trace(pilot, budget)
     points = [pilot.describe(p.x, p.lam) for p in branch.points]
     scales = scales_of(pilot.rig, points)
     found = [(branch.points[i].lam, points[i]) for i in _telling(points)]

@@ -6,7 +6,8 @@ from rigs import HZ, beam, oscillator
 
 from hbm.fourier import default_samples
 from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
-from hbm.response.curve import NumericalError, Probe, ResponseCurve
+from hbm.response.assessment import NumericalError, Probe
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state, trace_frequency
 from models import Frictionless, Viscous
 

@@ -12,6 +12,7 @@ from hbm.figures.backbone import plot_backbone_over_responses, plot_backbones
 from hbm.fourier import Array, FourierBasis
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import simulate
+from hbm.modes.accuracy import numerical_change
 from hbm.modes.backbone import NonlinearMode, nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.modes.linear import linear_modes, stuck_modes
@@ -243,6 +244,24 @@ def test_free_decay_while_the_contact_slides(mode: NonlinearMode) -> None:
     np.testing.assert_allclose(measured, rate[inside], rtol=0.05)
     assert np.median(measured / rate[inside]) == pytest.approx(1.0, abs=0.015)
     np.testing.assert_allclose(cycles[:, 1], hz, rtol=2.5e-3)
+
+
+def test_no_decay_rate_where_the_drive_does_not_stand_for_the_motion(mode: NonlinearMode) -> None:
+    """Beside the internal resonance near 54 Hz, where the branch turns back; there is one where a mode is alone."""
+    told = ~np.isnan(mode.decay_rate)
+    by_loss = 2 * np.pi * mode.hz * mode.damping_ratio
+    assert len(mode.folds) > 2 and 0.0 < told.mean() < 1.0
+    assert told[mode.amplitude < 2e-5].all() and told[mode.amplitude > 1e-4].all()
+    assert (mode.decay_rate[told] > 0.0).all() and (mode.decay_rate[told] < 2.5 * by_loss[told]).all()
+    single = nonlinear_mode(oscillator(JENKINS, damping=1e-4, amplitude=1.0), amplitudes=(4.0, 66.0))
+    assert np.isfinite(single.decay_rate).all()
+
+
+def test_modes_are_not_refined_where_all_are_kept(mode: NonlinearMode) -> None:
+    single = nonlinear_mode(oscillator(JENKINS, damping=1e-4, amplitude=1.0), amplitudes=(4.0, 8.0), harmonics=3)
+    change = numerical_change(single)
+    assert change.modes is None and set(change.by_source) == {"harmonics", "samples"}
+    assert np.isfinite(numerical_change(mode, 0).modes).all()
 
 
 def test_free_decay_while_the_contact_sticks(mode: NonlinearMode) -> None:

@@ -1,11 +1,16 @@
 """Folds that are kinks of friction, told from those of the curve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hbm.fourier import Array
 from hbm.response.kinks import MOTION, VALUE, kinks
+from hbm.response.trace import trace_frequency
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Joint
+from models.parts import Damping, Excitation
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +23,7 @@ class Passed:
 
 
 def left(passed: list[Passed]) -> list[float]:
-    gone = {p for pair in kinks(passed, lambda p: p.value, lambda p: p.fold) for p in pair}
+    gone = {p for pair in kinks(passed, lambda p: (p.x, p.value), lambda p: p.fold) for p in pair}
     return [p.value for p in passed if p not in gone]
 
 
@@ -57,3 +62,15 @@ def test_what_lies_between_two_folds_keeps_both() -> None:
 
 def test_a_number_that_passes_zero_has_no_kinks() -> None:
     assert len(left([Passed(np.array([1.0]), 0.0), Passed(np.array([1.0]), 1e-9)])) == 2
+
+
+def test_folds_of_a_curve_are_told_by_the_motion_where_it_turns() -> None:
+    """And not by that of the points behind, which are as far away as the steps are long."""
+    spring = Joint("spring", CubicSpring(1e9), ("a",))
+    body, damping = ModalModel((10.0,), {"a": (1.0,)}), Damping(modal_ratios=(0.01,))
+    curve = trace_frequency(JointedRig("duffing", body, damping, (spring,), Excitation(1.0, at="a")), (8.0, 30.0))
+    first, second = (p for p in curve.branch.points if p.fold)
+    turned = replace(second, fold_x=first.fold_x * (1.0 + 0.1 * MOTION), fold_lam=first.fold_lam * (1.0 + 0.1 * VALUE))
+    assert np.linalg.norm(second.x - first.x) > MOTION * np.linalg.norm(first.x)
+    points = tuple(turned if p is second else p for p in curve.branch.points)
+    assert len(curve.folds) == 2 and replace(curve, branch=replace(curve.branch, points=points)).folds == []

@@ -5,22 +5,29 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rigs import beam, oscillator
 
 from continuation import Kind, refine
 from hbm.balance.solution import PeriodicSolution
+from hbm.commands.parametertables import print_parameter_curve
 from hbm.fourier import FourierBasis
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import steady_state as shoot
 from hbm.response import bifurcations
+from hbm.response.accuracy import frequency_response
 from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.start import first_solution
-from hbm.response.trace import steady_state
+from hbm.response.trace import force_response, steady_state, trace_frequency
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from hbm.tracking.parameterresponse import parameter_response
 from models import ContactSample, Rig
 from models.attachments import Attachments, PointMass, Resonator
+from models.bodies.modal import ModalModel
 from models.friction import parameter
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Joint
+from models.parts import Damping, Excitation
 from models.published import PAPER_DAHL, paper_rig
 
 
@@ -217,3 +224,43 @@ def test_what_cannot_be_followed_is_refused(
     with pytest.raises(ValueError, match=key) as refused:
         parameter_response(paper_rig(), key, values, **options)
     assert refusal in str(refused.value)
+
+
+def duffing(force: float) -> JointedRig:
+    """A hardening oscillator that jumps between 10 and 20 Hz."""
+    spring = Joint("spring", CubicSpring(1e9), ("a",))
+    body, damping = ModalModel((10.0,), {"a": (1.0,)}), Damping(modal_ratios=(0.01,))
+    return JointedRig("duffing", body, damping, (spring,), Excitation(force, at="a"))
+
+
+def test_along_the_force_points_and_folds_are_those_of_a_force_response() -> None:
+    """With a step of its own the curve along the force had over ten times as many points."""
+    force, rig = (0.05, 8.0), duffing(1.0)
+    plain = force_response(rig, 15.0, force, harmonics=3)
+    curve = parameter_response(rig, "excitation.amplitude", force, hz=15.0, harmonics=3)
+    assert len(plain.folds) == 2 and curve.folds == pytest.approx(plain.folds, rel=1e-5)
+    assert len(curve.points) < 1.5 * len(plain.points)
+    assert (plain.past_start, curve.past_start) == ("", "")
+
+
+def test_the_peak_along_a_number_is_found() -> None:
+    """That over the frequency, in whatever steps the curve goes."""
+    curve = parameter_response(duffing(0.01), "frequency_hz", (9.0, 11.0), harmonics=3)
+    assert curve.peak["drive"].peak == pytest.approx(
+        trace_frequency(duffing(0.01), (9.9, 10.1)).peak["drive"].peak, rel=1e-5
+    )
+
+
+def test_a_curve_says_where_it_folds_back_past_its_start() -> None:
+    rig = duffing(1.0)
+    _, low = force_response(rig, 15.0, (0.05, 8.0), harmonics=3).folds
+    curve = parameter_response(rig, "excitation.amplitude", (1.2 * low, 8.0), hz=15.0, harmonics=3)
+    assert curve.complete and curve.values.min() == pytest.approx(low, rel=1e-3)
+    said = f"the curve folds back past its start at {1.2 * low:.6g} N, to {curve.values.min():.6g} N"
+    assert curve.past_start == said and repr(curve).endswith(said)
+    console = Console(record=True, width=200)
+    print_parameter_curve(console, curve)
+    assert f"warning: {said}" in console.export_text()
+    sweep = frequency_response(rig, (20.0, 8.0), harmonics=3)
+    assert sweep.past_start == f"the curve folds back past its start at 20 Hz, to {sweep.hz.max():.6g} Hz"
+    assert sweep.past_start in sweep.assessment.warnings

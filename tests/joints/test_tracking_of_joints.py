@@ -55,7 +55,7 @@ def test_a_fold_is_followed(rig: JointedRig, fold: int, key: str, within: tuple[
     for share in (0.1, 0.8):
         value = within[0] + share * (within[1] - within[0])
         folds = response(rig.with_number(key, value)).folds
-        (found,) = (point.lam * path.plane.along.first.hz_ref for point in path.at(value))
+        (found,) = (fold.hz for fold in path.at(value))
         assert min(abs(found / hz - 1) for hz in folds) < accuracy
 
 

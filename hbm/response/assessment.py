@@ -1,0 +1,86 @@
+"""What is known of the accuracy of a curve."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A point of a curve that was solved again with finer numerics.
+
+    Attributes
+    ----------
+    hz : float
+        Its frequency [Hz].
+    harmonics, samples, modes, total : float
+        Largest change over the period of drive displacement or friction force, relative to the peak of that channel
+        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where the finer
+        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak
+        and where the total is largest).
+    """
+
+    hz: float
+    harmonics: float
+    samples: float
+    modes: float
+    total: float
+
+
+def _share(error: float) -> str:
+    return "not estimated" if np.isnan(error) else f"{error:.2%}"
+
+
+@dataclass(frozen=True)
+class NumericalError:
+    """Estimated numerical error of a curve, relative to the peak of each judged channel.
+
+    Attributes
+    ----------
+    probes : tuple of Probe
+        The points that were solved again, in order of travel.
+    at_peak : Probe
+        The one at the largest drive displacement.
+    closure : float
+        Largest change of the friction state over a period, relative to its range.
+    """
+
+    probes: tuple[Probe, ...]
+    at_peak: Probe
+    closure: float
+
+    @property
+    def worst(self) -> Probe:
+        """The probe of largest total error."""
+        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
+
+    def largest(self, source: str) -> float:
+        """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
+        values = [getattr(p, source) for p in self.probes]
+        return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
+
+    def __repr__(self) -> str:
+        """Say the estimate and where it comes from."""
+        p, w = self.at_peak, self.worst
+        return (
+            f"{_share(p.total)} at the peak (harmonics {_share(p.harmonics)}, samples {_share(p.samples)}, "
+            f"modes {_share(p.modes)}), at most {_share(w.total)} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
+        )
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Accuracy of a curve.
+
+    Attributes
+    ----------
+    error : NumericalError
+    reason : str
+        Why this number of harmonics and samples.
+    warnings : tuple of str
+        Warnings that a user should know before trusting the curve.
+    """
+
+    error: NumericalError
+    reason: str
+    warnings: tuple[str, ...]
