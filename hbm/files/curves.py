@@ -186,6 +186,7 @@ def _level(curve: ResponseCurve) -> dict[str, Any]:
         "bifurcations": [
             {"kind": b.kind.value, "frequency_hz": b.hz, "level": b.level, "before_point": b.behind + 1}
             | ({"parameter": curve.value_at(b.special.lam)} if named else {})
+            | ({} if b.span is None else {"between": list(b.span)})
             for b in curve.bifurcations
         ],
         **(

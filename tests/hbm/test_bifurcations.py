@@ -289,7 +289,9 @@ def test_a_crossing_so_slow_that_it_has_no_place_is_in_doubt() -> None:
 
 
 @pytest.mark.parametrize("within", [(3.0, 6.6), (6.6, 5.0)])
-def test_where_stability_is_lost_along_the_force_is_told_with_its_bounds(within: tuple[float, float]) -> None:
+def test_where_stability_is_lost_along_the_force_is_told_with_its_bounds(
+    within: tuple[float, float], tmp_path: Path
+) -> None:
     """Of the paper's beam multipliers come so slowly to the unit circle that the place is known to 1 % alone."""
     rig = paper_rig()
     curve = with_stability(force_response(rig, 48.385, within, harmonics=9))
@@ -303,6 +305,9 @@ def test_where_stability_is_lost_along_the_force_is_told_with_its_bounds(within:
         for level, unstable in ((0.998 * low, before), (1.002 * high, behind)):
             there = stability_of(rig, steady_state(rig, 48.385, level=level, harmonics=9, start=b.solution))
             assert bool(there.unstable) is unstable
+    write_curves(tmp_path / "c.csv", [curve])
+    (saved,) = read_curves(tmp_path / "c.csv")
+    assert [tuple(b["between"]) for b in saved.summary["bifurcations"]] == [b.span for b in curve.bifurcations]
 
 
 def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
