@@ -200,8 +200,10 @@ class JointedRig(Numbered):
 
     @property
     def proportions(self) -> Iterator[Doubtful]:
-        """Numbers of its body that look wrong beside others of it."""
+        """Numbers of its body that look wrong beside others of it, and damping that is not there."""
         yield from getattr(self.body, "proportions", ())
+        if self.body.damped_by_modes:
+            yield self.damping
 
     def __str__(self) -> str:
         """In words."""

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
+from hbm.rigfiles.damping import damped_twice, damping_of
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrixbody import MatrixTable, Shown, in_its_file, matrix_body
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
@@ -30,7 +31,7 @@ from hbm.rigfiles.schema import (
     law_table,
     ranked,
 )
-from models import LAWS, Beam, Channel, Damping, Excitation
+from models import LAWS, Beam, Channel, Excitation
 from models.bodies.finite import End, FiniteBeam
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
@@ -188,13 +189,13 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")
     file = _at_ports(JointedRigTable.model_validate(table))
-    for complaint in descents(file.modal.frequencies_hz if file.modal else ()):
+    for complaint in (*descents(file.modal.frequencies_hz if file.modal else ()), *damped_twice(file.damping)):
         raise InputError(f"{source}: {complaint}")
     try:
         rig = JointedRig(
             name=visible(file.name),
             body=_body(file, folder),
-            damping=_damping(file.damping),
+            damping=damping_of(file.damping),
             joints=tuple(_joint(entry, folder, consent) for entry in file.joints),
             excitation=Excitation(
                 **_placed(file.excitation, "force_gain"), force_gain=_pairs(file.excitation.force_gain)
@@ -346,12 +347,6 @@ def _pairs(rows: list[list[float]]) -> tuple[tuple[float, float], ...]:
 def _placed(what: PlacedExcitationTable | PlacedChannelTable, *but: str) -> dict[str, Any]:
     values = what.model_dump(exclude=set(but))
     return values | {"at": values["at"] or "", "position": values["position"] or 0.0}
-
-
-def _damping(damping: DampingTable) -> Damping:
-    entries = damping.model_dump(exclude={"mass_proportional", "modal_ratios"})
-    ratios = None if damping.modal_ratios is None else tuple(damping.modal_ratios)
-    return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
 
 
 def _body(file: JointedRigTable, folder: Path) -> Body:

@@ -98,6 +98,11 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             "damping and modal.damping_matrix are both present; must have one of them",
         ),
         (
+            "modal_ratios = [0.01]",
+            "modal_ratios = [0.01]\nmass_proportional = 3.0",
+            "damping.modal_ratios and damping.mass_proportional are both present; must have one of them",
+        ),
+        (
             "[damping]\nmodal_ratios = [0.01]\n[excitation]",
             MATRIX.format(-2.0),
             "modal.damping_matrix has the eigenvalue -2; must have none below 0",
