@@ -1,7 +1,7 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -254,8 +254,7 @@ class JointedRig(Numbered):
     @property
     def places(self) -> tuple[str, ...]:
         """Places of the body that anything touches, each once."""
-        ends = [place for j in self.joints for pair in j.ends for end in pair for _, place in terms(end)]
-        return tuple(dict.fromkeys([*ends, place_of(self.excitation), *map(place_of, self.response_channels)]))
+        return places_of(self.joints, self.excitation, self.response_channels)
 
     @cached_property
     def ported(self) -> PortedModes:
@@ -378,6 +377,12 @@ class JointedRig(Numbered):
     def forces(self) -> list[str]:
         """Names of the forces on the body at the ports, (m,)."""
         return self._named("force")
+
+
+def places_of(joints: Iterable[Joint], excitation: Excitation, channels: Iterable[Channel]) -> tuple[str, ...]:
+    """Places that joints, a force and channels of motion touch, each once."""
+    ends = [place for j in joints for pair in j.ends for end in pair for _, place in terms(end)]
+    return tuple(dict.fromkeys([*ends, place_of(excitation), *map(place_of, channels)]))
 
 
 def place_of(what: Channel | Excitation) -> str:

@@ -284,7 +284,11 @@ class MatrixBody(Elastic):
         mass = part(self.mass, self._free, self._free)
         ports = np.unique(at)
         inner = np.setdiff1d(np.arange(len(self._free)), ports)
-        if self.modes > (there := self._most_modes(at)):
+        there = self._most_modes(at)
+        if not there:
+            accepted = 'must be "modes", or have fewer places: no degree of freedom with mass is left for modes'
+            raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; {accepted}')
+        if self.modes > there:
             most = f"must be <= {there}, the degrees of freedom with mass that are neither fixed nor places"
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
         pencil = Pencil(part(stiffness, inner, inner), part(mass, inner, inner))
