@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from models.bodies.ported import Body, PlaceError, PortedModes
+from models.bounds import several
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, is_sum, terms
 from models.joints.law import numbers
@@ -139,6 +140,7 @@ class JointedRig(Numbered):
 
     def __post_init__(self) -> None:
         """Refuse names that are given twice or taken, and places that are none."""
+        several(f"{self.name}: joints", self.joints, Joint)
         names = [j.name for j in self.joints]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -173,7 +175,8 @@ class JointedRig(Numbered):
         ]
         placed = {"excitation": self.excitation} | {f"channels[{i}]": c for i, c in enumerate(self.channels, 1)}
         for key, what in placed.items():
-            at = f'at = "{what.at}"' if what.at else f"position = {what.position!r}"
+            position = f"position = {what.position!r}" if what.position else "at is missing"
+            at = f'at = "{what.at}"' if what.at else position
             asking.append((f"{key}.{at}", place_of(what), [place_of(what)]))
         for said, end, places in asking:
             if refused.place in places:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from models.bounds import bounded
+from models.bounds import bounded, several
 from models.friction import FrictionLaw, check_parameters
 from models.plausible import plain, plausible
 from models.reduction import Dampers
@@ -351,8 +351,9 @@ def check_names(where: str, channels: Sequence[Channel], computed: Sequence[str]
     Raises
     ------
     ValueError
-        With the name, and those that are taken.
+        With the name, and those that are taken; or if it is one channel.
     """
+    several(f"{where}: channels", channels, Channel)
     names = [c.name for c in channels]
     for i, name in enumerate(names):
         if name in names[:i]:

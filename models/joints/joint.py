@@ -1,6 +1,7 @@
 """A joint: a law, and where it acts on a body."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -88,8 +89,12 @@ class Joint:
         if isinstance(self.law, type) or not hasattr(self.law, "ports"):
             raise ValueError(f"joint {self.name}: {_no_law(self.law)}")
         for what, places in (("at", self.at), ("to", self.to)):
-            if isinstance(places, str) and places:
-                raise ValueError(f'joint {self.name}: {what} = "{places}"; must be a tuple of names, ("{places}",)')
+            if (isinstance(places, str) and places) or not isinstance(places, Sequence):
+                said = f'"{places}"' if isinstance(places, str) else repr(places)
+                raise ValueError(f'joint {self.name}: {what} = {said}; must be a tuple of names, ("{places}",)')
+            for place in places:
+                if not isinstance(place, str):
+                    raise ValueError(f'joint {self.name}: {what} has {place!r}; must be names, such as "{place}"')
             if len(places) != self.law.ports and (places or what == "at"):
                 there, needed = len(places), self.law.ports
                 raise ValueError(

@@ -151,7 +151,7 @@ at = "2.x"
     path.write_text(held.replace('at = "2.x"\nto = "3.x"', 'at = "3.x"').replace('at = "2.x"', 'at = "3.x"'))
     assert load_rig(path).body.modes == 1  # of the mass that is no place
     path.write_text(held)
-    with pytest.raises(InputError, match=r'matrix\.reduction = "craig-bampton"; must be "modes", or have fewer places: '):
+    with pytest.raises(InputError, match=r'matrix\.reduction = "craig-bampton"; must be "modes", or have fewer places'):
         load_rig(path)
     path.write_text(text)
     for names in ("\ufeff1.x\r\n2.x\r\n3.x\r\n", "1.x 2.x\n3.x\n"):
