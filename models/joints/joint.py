@@ -12,6 +12,12 @@ from models.plausible import impossible
 GROUND = ""
 """In place of a name: the ground."""
 
+NORMAL = {
+    1: "; with normal_stiffness it has 2, the second along the normal",
+    2: ", the second along the normal, where its normal_stiffness acts",
+}
+"""What makes a friction joint have so many places."""
+
 BETWEEN = re.compile(r"\s+\+\s+|\s+(?=-\s)")
 """What parts the terms of a sum: a hyphen without blanks belongs to a name, such as ``acc-1``."""
 
@@ -97,8 +103,9 @@ class Joint:
                     raise ValueError(f'joint {self.name}: {what} has {place!r}; must be names, such as "{place}"')
             if len(places) != self.law.ports and (places or what == "at"):
                 there, needed = len(places), self.law.ports
+                hint = NORMAL.get(needed, "") if self.law.name == "friction" else ""
                 raise ValueError(
-                    f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}"
+                    f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}{hint}"
                 )
         still = next((at for at, to in self.ends if to and terms(at) == terms(to)), None)
         if still is not None:
