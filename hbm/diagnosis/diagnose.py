@@ -112,13 +112,15 @@ def diagnose(
         campaign = line_campaign(rig, train, executor)
         hidden = None if unseen is None else line_campaign(rig, unseen, executor)
         search = FlooredSearch(rig, campaign, hidden, line_scan, candidates, tolerances, tell)
-        diagnosis, why = search.diagnosis(), partial(why_unraced, search)
+        why = partial(why_unraced, search)
+        diagnosis = search.diagnosis()
     else:
         found = conclude(held, candidates)
+        why = partial(why_unfitted, found.search)
         if held_out is None and found.untold:
             tell("half as many records held out", 0.0)
             found, beside = conclude(held[1::2], found.contenders, found.search.tried), (HALF, *beside)
-        diagnosis, why = found.diagnosis(), partial(why_unfitted, found.search)
+        diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     missing = unfitted(asked_for(candidates, causes), diagnosis, why)
     return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence, *missing))

@@ -53,18 +53,20 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     if small(base) or base.model.causes:
         tried = []
     elif scanned(base):
-        tried = [s for s in others if _adds_joint(s, base)]
+        tried = _own_joints(others, base)
     else:
         forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not unseen(s))]
     return [*first, *tried, *(s for s in others if unseen(s))]
 
 
-def _adds_joint(score: Score, base: Evaluation) -> bool:
-    """Whether it is a joint that the rig file has not, and was scored by its first small effect all the same."""
+def _own_joints(scores: Sequence[Score], base: Evaluation) -> list[Score]:
+    """Joints that the rig file has not, and that were scored by their first small effect all the same."""
     nominal = base.model.nominal
-    own = (u.key for u in score.cause.unknowns(nominal))
-    return not is_joint(score) and any(key.startswith(JOINTS) and key not in nominal.numbers for key in own)
+    known = nominal.numbers
+    keys = {s.cause.label: [u.key for u in s.cause.unknowns(nominal)] for s in scores if not is_joint(s)}
+    new = {label for label, own in keys.items() if any(key.startswith(JOINTS) and key not in known for key in own)}
+    return [s for s in scores if s.cause.label in new]
 
 
 def of_the_rig(cause: Cause) -> bool:
