@@ -34,6 +34,7 @@ class Magnet(Cause):
     meaning: ClassVar[str] = "a magnet holds a point of the beam with the cube of its deflection"
     looks_like: ClassVar[str] = "in phase, with the cube of the amplitude, at one place"
     confused_with: ClassVar[str] = "midplane-stretching, impact-stop"
+    check: ClassVar[str] = "take the magnet away and repeat the records missed most"
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Magnet"]:

@@ -209,6 +209,19 @@ def refuse_endless(path: StrPath, where: str) -> None:
         raise InputError(f"{where}: is a pipe or a device; must be a file")
 
 
+def expect_file(path: StrPath, kind: str) -> None:
+    """Refuse what is no file, before a library says it in its own words: it must be `kind`.
+
+    Raises
+    ------
+    InputError
+    """
+    given = Path(path)
+    if not given.is_file():
+        other = "is a pipe or a device" if given.exists() else "no such file"
+        raise InputError(f"{path}: {'is a directory' if given.is_dir() else other}; must be {kind}")
+
+
 def why(refused: Exception) -> str:
     """Why a file was not read or written, in the words of the system."""
     return (getattr(refused, "strerror", None) or str(refused)).lower()

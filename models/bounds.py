@@ -32,6 +32,18 @@ def whole(where: str, value: Any, least: int) -> None:
         raise ValueError(f"{where} = {value}; must be a whole number >= {least}")
 
 
+def several(where: str, value: Any, kind: type) -> None:
+    """Refuse one of a kind in place of a tuple of them.
+
+    Raises
+    ------
+    ValueError
+        With what to write.
+    """
+    if isinstance(value, kind):
+        raise ValueError(f"{where} is one {kind.__name__}; must be a tuple, ({kind.__name__}(...),)")
+
+
 def bounded(where: str, value: Any, lower: float = -inf, upper: float = inf, strict: bool = False) -> None:
     """Refuse a number that is not finite or not within its bounds, and text.
 

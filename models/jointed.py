@@ -1,7 +1,7 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from models.bodies.ported import Body, PlaceError, PortedModes
+from models.bounds import several
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, is_sum, terms
 from models.joints.law import numbers
@@ -139,6 +140,7 @@ class JointedRig(Numbered):
 
     def __post_init__(self) -> None:
         """Refuse names that are given twice or taken, and places that are none."""
+        several(f"{self.name}: joints", self.joints, Joint)
         names = [j.name for j in self.joints]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -173,7 +175,8 @@ class JointedRig(Numbered):
         ]
         placed = {"excitation": self.excitation} | {f"channels[{i}]": c for i, c in enumerate(self.channels, 1)}
         for key, what in placed.items():
-            at = f'at = "{what.at}"' if what.at else f"position = {what.position!r}"
+            position = f"position = {what.position!r}" if what.position else "at is missing"
+            at = f'at = "{what.at}"' if what.at else position
             asking.append((f"{key}.{at}", place_of(what), [place_of(what)]))
         for said, end, places in asking:
             if refused.place in places:
@@ -200,8 +203,10 @@ class JointedRig(Numbered):
 
     @property
     def proportions(self) -> Iterator[Doubtful]:
-        """Numbers of its body that look wrong beside others of it."""
+        """Numbers of its body that look wrong beside others of it, and damping that is not there."""
         yield from getattr(self.body, "proportions", ())
+        if self.body.damped_by_modes:
+            yield self.damping
 
     def __str__(self) -> str:
         """In words."""
@@ -252,8 +257,7 @@ class JointedRig(Numbered):
     @property
     def places(self) -> tuple[str, ...]:
         """Places of the body that anything touches, each once."""
-        ends = [place for j in self.joints for pair in j.ends for end in pair for _, place in terms(end)]
-        return tuple(dict.fromkeys([*ends, place_of(self.excitation), *map(place_of, self.response_channels)]))
+        return places_of(self.joints, self.excitation, self.response_channels)
 
     @cached_property
     def ported(self) -> PortedModes:
@@ -376,6 +380,12 @@ class JointedRig(Numbered):
     def forces(self) -> list[str]:
         """Names of the forces on the body at the ports, (m,)."""
         return self._named("force")
+
+
+def places_of(joints: Iterable[Joint], excitation: Excitation, channels: Iterable[Channel]) -> tuple[str, ...]:
+    """Places that joints, a force and channels of motion touch, each once."""
+    ends = [place for j in joints for pair in j.ends for end in pair for _, place in terms(end)]
+    return tuple(dict.fromkeys([*ends, place_of(excitation), *map(place_of, channels)]))
 
 
 def place_of(what: Channel | Excitation) -> str:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from models.bounds import bounded
+from models.bounds import bounded, several
 from models.friction import FrictionLaw, check_parameters
 from models.plausible import plain, plausible
 from models.reduction import Dampers
@@ -94,7 +94,7 @@ class Damping:
     mass_proportional : float
         alpha [1/s] (25).
     modal_ratios : tuple of float or None
-        Ratios that replace alpha and the high-mode ratio.
+        Ratios in place of alpha and the high-mode ratio; fractions of critical damping, 0.01 for 1 %.
     stiffness_proportional : float
         beta [s].
     high_mode_ratio, high_mode_from : float, int
@@ -108,7 +108,7 @@ class Damping:
     high_mode_from: int = 6
 
     def __post_init__(self) -> None:
-        """Refuse damping that is negative, and one number in place of a sequence of ratios."""
+        """Refuse damping that is negative or given twice, and one number in place of a sequence of ratios."""
         for name in ("mass_proportional", "stiffness_proportional", "high_mode_ratio"):
             bounded(f"Damping: {name}", getattr(self, name), 0.0)
             plausible(f"Damping: {name}", getattr(self, name), "damping_ratio" if name == "high_mode_ratio" else name)
@@ -117,6 +117,8 @@ class Damping:
                 accepted = "must be a sequence, of one ratio for all modes or one for each, such as (0.005,)"
                 raise ValueError(f"Damping: modal_ratios = {self.modal_ratios!r}; {accepted}")
             object.__setattr__(self, "modal_ratios", tuple(self.modal_ratios))
+            if not plain(self.mass_proportional) or self.mass_proportional != 0.0:
+                raise ValueError("Damping: modal_ratios and mass_proportional are both given; must have one of them")
         for i, ratio in enumerate(self.modal_ratios or ()):
             bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
             plausible(f"Damping: modal_ratios[{i}]", ratio, "damping_ratio")
@@ -130,6 +132,21 @@ class Damping:
         yield "damping.high_mode_ratio", "damping_ratio", self.high_mode_ratio
         for i, ratio in enumerate(self.modal_ratios or (), start=1):
             yield f"damping.modal_ratios[{i}]", "damping_ratio", ratio
+
+    @property
+    def key(self) -> str:
+        """Its table in a rig file."""
+        return "damping"
+
+    @property
+    def doubt(self) -> str | None:
+        """Doubt, in words, about a damping of nothing but high modes: it is forgotten more often than it is meant."""
+        if self.modal_ratios is not None or self.mass_proportional != 0.0 or self.stiffness_proportional != 0.0:
+            return None
+        if self.high_mode_ratio > 0.0 and self.high_mode_from == 1:
+            return None
+        accepted = "usual are modal_ratios, mass_proportional or stiffness_proportional"
+        return f"damping is 0 in the lowest modes, only joints damp them; {accepted}"
 
     @property
     def proportional(self) -> tuple[float, float]:
@@ -147,7 +164,8 @@ class Damping:
 
     def dampers_change(self, name: str, omega_n: Array, numbers: Numbers) -> Dampers:
         """Derivative of :meth:`dampers` to one of its fields, at held frequencies."""
-        settings: list[dict[str, Any]] = [{name: 1.0}, {name: 2.0}]  # it is linear
+        replaced = name == "mass_proportional" and self.modal_ratios is not None
+        settings: list[dict[str, Any]] = [{}, {}] if replaced else [{name: 1.0}, {name: 2.0}]  # it is linear
         one, two = (replace(self, **setting).dampers(omega_n, numbers) for setting in settings)
         return Dampers(two.viscous - one.viscous, two.slope - one.slope, two.strain_rate - one.strain_rate)
 
@@ -335,8 +353,9 @@ def check_names(where: str, channels: Sequence[Channel], computed: Sequence[str]
     Raises
     ------
     ValueError
-        With the name, and those that are taken.
+        With the name, and those that are taken; or if it is one channel.
     """
+    several(f"{where}: channels", channels, Channel)
     names = [c.name for c in channels]
     for i, name in enumerate(names):
         if name in names[:i]:

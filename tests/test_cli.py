@@ -510,6 +510,13 @@ def test_simulate_lasts_50_periods_unless_told() -> None:
     assert "50 periods, 1 s" in run("simulate", ONE_MODE, "--frequency", "50").stdout
 
 
+def test_simulate_says_how_settled_a_motion_is() -> None:
+    said = "drive displacement {} from one period to the next"
+    assert said.format("still changes by 0.31%") in run("simulate", ONE_MODE, "--frequency", "50").stdout
+    settled = run("simulate", ONE_MODE, "--frequency", "40", "--duration", "5")
+    assert said.format("changes by less than 0.01%") in settled.stdout
+
+
 def test_simulate_says_of_one_period_that_it_is_one() -> None:
     assert (
         "513 samples, 1 period, 0.02 s" in run("simulate", ONE_MODE, "--frequency", "50", "--duration", "0.02").stdout

@@ -318,6 +318,10 @@ def test_a_law_is_identified_written_and_printed(spectra: str, tmp_path: Path) -
         ),
         (["identify", RIG, "S", "--out", "o", "--held-out", "9"], "six: no record 9; records are 1, 2, 3, 4, 5, 6"),
         (
+            ["identify", RIG, "S", "--out", "o", "--hold-out", "2", "9"],
+            "six: no record 9; records are 1, 2, 3, 4, 5, 6",
+        ),
+        (
             ["identify", RIG, "S", "--out", "o", "--law", "dahl", "--law", "dahl"],
             "identify: law dahl is named twice; must be once",
         ),

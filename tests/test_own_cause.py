@@ -12,13 +12,15 @@ from typer.testing import CliRunner
 
 from hbm import diagnose, synthesize
 from hbm.cli import app
+from hbm.files.diagnosissummary import _checks
 from hbm.rigfiles.causes import causes_in_file
 from hbm.rigfiles.load import load_rig
+from models import Iwan
 from models.bodies import MatrixBody
 from models.causes import CAUSES
 from models.friction import parameters
 from models.jointed import JointedRig
-from models.joints import Joint, PolynomialSpring
+from models.joints import Friction, Joint, PolynomialSpring
 from models.parts import Channel, Damping, Excitation
 from tests.truth import (
     Coulomb,
@@ -55,6 +57,14 @@ def test_the_file_holds_one_cause() -> None:
     assert [cause.name for cause in causes_in_file(FILE)] == ["magnet"]
 
 
+def test_a_cause_that_names_no_check_gets_one() -> None:
+    (kind,) = causes_in_file(FILE)
+    silent = type("Silent", (kind,), {"name": "silent", "check": ""})
+    told = list(_checks([kind(), silent()]))
+    assert told[0] == "To confirm magnet: take the magnet away and repeat the records missed most."
+    assert told[1].startswith("To confirm silent: change it on the structure by a known amount, or take it away")
+
+
 def frame(*joints: Joint) -> JointedRig:
     """Three masses in a row that a force drives at the end."""
     stiffness = 1e5 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -63,17 +73,40 @@ def frame(*joints: Joint) -> JointedRig:
     return JointedRig("frame", body, Damping(modal_ratios=(0.01,)), joints, Excitation(4.0, at="3"), channels)
 
 
-def test_the_cause_of_the_page_for_rigs_with_joints_is_found(tmp_path: Path) -> None:
+@pytest.fixture
+def cable(tmp_path: Path) -> str:
+    """The cause of the page for rigs with joints."""
     (shown,) = re.findall(r"```python\n(from dataclasses.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "cable.py").write_text(shown, encoding="utf-8")
-    assert [cause.name for cause in causes_in_file(tmp_path / "cable.py")] == ["cable"]
+    return f"{tmp_path / 'cable.py'}:Cable"
+
+
+def test_the_cause_of_the_page_for_rigs_with_joints_is_found(cable: str) -> None:
+    assert [cause.name for cause in causes_in_file(Path(cable.removesuffix(":Cable")))] == ["cable"]
     true = 2e12
     built = frame(Joint("cable", PolynomialSpring(quintic=true), at=("2",)))
     spectra = synthesize(built, [4.0, 12.0], [21.0, 21.8, 22.4, 23.2], harmonics=5, seed=1).spectra
-    found = diagnose(frame(), spectra, causes=[f"{tmp_path / 'cable.py'}:Cable"], held_out=[2])
+    found = diagnose(frame(), spectra, causes=[cable], held_out=[2])
     assert (found.verdict, found.cause) == ("cause-found", "cable")
     value = found.parameters["quintic"]
     assert abs(value.value - true) < 3 * value.std < 0.1 * true
+
+
+def test_a_joint_of_ones_own_is_fitted_where_its_small_effect_promises_nothing(cable: str) -> None:
+    bolt = Joint("bolt", Friction(Iwan(mu=0.4, stiffness=5e3), normal_load=10.0), at=("3",))
+    rigs = [frame(bolt), frame(bolt, Joint("cable", PolynomialSpring(quintic=1e13), at=("2",)))]
+    light = Damping(modal_ratios=(0.002,))
+    nominal, built = (replace(rig, channels=rig.channels[2:], damping=light) for rig in rigs)
+    spectra = synthesize(built, [1.0, 8.0], [22.0, 23.0, 24.0, 25.0], harmonics=9, seed=1).spectra
+    found = diagnose(nominal, spectra, causes=[cable])
+    assert (found.verdict, found.cause) == ("cause-found", "cable")
+
+
+def test_a_cause_that_was_asked_for_and_not_fitted_is_told_why(cable: str) -> None:
+    spectra = synthesize(frame(), [4.0], [21.0, 22.0, 23.0, 24.0], harmonics=3, seed=1).spectra
+    found = diagnose(frame(), spectra, causes=[cable], held_out=[2])
+    assert (found.verdict, found.ranking) == ("consistent", ())
+    assert found.evidence[-1] == f"{cable} is in no ranking: the rig file explains the records without it."
 
 
 def magnet(y: Any, _rate: Any, _phase: float) -> Any:

@@ -13,13 +13,17 @@ from hbm import (
     diagnose,
     follow_peak,
     frequency_response,
+    friction_loop,
+    identify,
     joint_sensitivities,
     joint_steady_state,
     load_rig,
     load_spectra,
+    nonlinear_mode,
     reconstruct_joints,
     steady_state,
     synthesize,
+    with_stability,
 )
 from hbm.diagnosis.diagnose import candidates_among
 from hbm.figures import plot_curves, plot_phase, plot_sensors
@@ -31,13 +35,14 @@ from models.bodies.matrix import MatrixBody
 from models.causes import CAUSES
 from models.causes.parameter import WrongParameter
 from models.jointed import JointedRig
-from models.joints import Friction, Joint
+from models.joints import CubicSpring, Friction, Joint
 from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RIG: Any = paper_rig()
 SPECTRA = load_spectra(EXAMPLES / "diagnosed_beam" / "spectra.csv")
+RECONSTRUCTION = "must be a Reconstruction, as reconstruct returns"
 NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
 
 
@@ -68,6 +73,31 @@ NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
             lambda: diagnose(RIG, "spectra.csv"),  # type: ignore[arg-type]
             'diagnose: spectra = "spectra.csv"; must be MeasuredSpectra, as load_spectra(file, rig) returns; '
             "a decay is for diagnose_backbone",
+        ),
+        (lambda: identify(RIG, SPECTRA), f"identify: reconstruction is a MeasuredSpectra; {RECONSTRUCTION}"),
+        (
+            lambda: identify(jointed(), SPECTRA),
+            "identify: three has [[joints]]; must be a rig with [contact] alone",
+        ),
+        (lambda: nonlinear_mode(RIG, 1.5), "backbone: mode = 1.5; must be a whole number >= 1"),
+        (lambda: nonlinear_mode(RIG, "1"), "backbone: mode = '1'; must be a whole number >= 1"),
+        (lambda: nonlinear_mode(RIG, amplitudes=(1e-6,)), "backbone: amplitudes = (1e-06,); must be two numbers"),
+        (
+            lambda: nonlinear_mode(RIG, amplitudes=("a", "b")),
+            "backbone: amplitudes = 'a'; must be > 0 and finite [m]",
+        ),
+        (
+            lambda: with_stability(steady_state(RIG, 50.0, harmonics=3)),
+            "with_stability: curve is a PeriodicSolution; must be a curve, such as trace_frequency returns; "
+            "stability_of judges one point",
+        ),
+        (
+            lambda: synthesize(RIG, 20.0, [50.0]),
+            "synthesize: levels = 20.0; must be a sequence of numbers, such as [20.0]",
+        ),
+        (
+            lambda: synthesize(RIG, [3.0], 50.0),
+            "synthesize: frequencies = 50.0; must be a sequence of numbers, such as [50.0]",
         ),
         (lambda: write_curves("x.csv", []), "write_curves: curves is empty; must have one at least"),
         (lambda: plot_curves([]), "plot_curves: curves is empty; must have one at least"),
@@ -104,6 +134,26 @@ def jointed(**changed: Any) -> JointedRig:
             lambda: Excitation(1.0, harmonics=((2.5, 0.1, 0.1),)),  # type: ignore[arg-type]
             "excitation.harmonics: numbers [2.5]; must be whole, 2 or more, each once",
         ),
+        (
+            lambda: friction_loop(CubicSpring(1e9), 1e-5, 50.0, load=20.0),
+            "friction_loop: law = CubicSpring(cubic=1000000000.0); must be a friction law, such as Jenkins(0.5, 4e-6)",
+        ),
+        (
+            lambda: masses(stiffness=[[1.0, 2.0], [3.0]]),
+            "MatrixBody: stiffness = [[1.0, 2.0], [3.0]]; must be a square matrix",
+        ),
+        (lambda: jointed(joints=Joint("j", RUB, ("a",))), "three: joints is one Joint; must be a tuple, (Joint(...),)"),
+        (
+            lambda: jointed(channels=Channel("v", "velocity", at="c")),
+            "three: channels is one Channel; must be a tuple, (Channel(...),)",
+        ),
+        (lambda: Joint("j", RUB, (3,)), 'joint j: at has 3; must be names, such as "3"'),  # type: ignore[arg-type]
+        (lambda: Joint("j", RUB, 3), 'joint j: at = 3; must be a tuple of names, ("3",)'),  # type: ignore[arg-type]
+        (
+            lambda: jointed(channels=(Channel("v", "velocity"),)),
+            "three: channels[1].at is missing; must be of dofs, a, b, c",
+        ),
+        (lambda: jointed(excitation=Excitation(1.0)), "three: excitation.at is missing; must be of dofs, a, b, c"),
         (lambda: masses(modes=2.5), "MatrixBody: modes = 2.5; must be a whole number >= 1"),
         (lambda: masses(dofs=(1, 2, 3)), 'MatrixBody: dofs has 1; must be names, such as "1"'),
         (
@@ -167,6 +217,16 @@ def test_what_no_rig_is_made_of_is_refused_where_it_is_made_or_used(call: Callab
     with pytest.raises(ValueError) as refused:  # the message is compared
         call()
     assert str(refused.value) == said
+
+
+def test_matrices_may_be_lists_of_rows() -> None:
+    lists = masses(mass=MASSES.toarray().tolist(), stiffness=SPRINGS.toarray().tolist())
+    assert (lists.stiffness != SPRINGS).nnz == 0
+
+
+def test_what_a_joint_takes_is_asked_for_by_its_name() -> None:
+    with pytest.raises(KeyError, match='no joint "k"; there are j'):
+        steady_state(jointed(), 5.0, harmonics=3).taken("k")
 
 
 def test_ratios_of_damping_may_be_any_sequence() -> None:

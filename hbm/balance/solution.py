@@ -201,12 +201,18 @@ class PeriodicSolution(Displayed):
         Raises
         ------
         KeyError
-            If there is no such joint.
+            With the joints that there are, if there is no such joint.
         """
         own = [ends for ends in self._ports if ends[0] == f"{joint}.force" or ends[0].startswith(f"{joint}.force.")]
         if not own:
-            raise KeyError(joint)
+            joints = dict.fromkeys(force.rpartition(".force")[0] for force, _ in self._ports)
+            raise KeyError(f'no joint "{joint}"; there are {", ".join(joints) or "none"}')
         return self._taken(own)
+
+    @property
+    def motions(self) -> list[str]:
+        """Channels of the motion at the contact, or at every port of every joint in order."""
+        return ["slip"] if "friction" in self.channels else [motion for _, motion in self._ports]
 
     @property
     def _ports(self) -> list[tuple[str, str]]:

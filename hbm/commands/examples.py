@@ -1,5 +1,6 @@
 """The command ``hbm examples``: lists the examples that come with the package, and copies one out."""
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -39,7 +40,12 @@ def examples(
     path = next((path for known, path in found.items() if name in (known, path.stem)), None)
     if path is None:
         raise InputError(f"{COMMAND}: {quoted(name)}; must be one of {', '.join(found)}")
-    print_written([_copy(path, out or Path(path.name))])
+    target = out or Path(path.name)
+    beside = {file: target.parent / file.name for file in _named_by(path)}
+    copies = {path: target} | {file: copy for file, copy in beside.items() if not _same(file, copy)}
+    for copy in copies.values():
+        _refuse(copy)
+    print_written([_copy(file, copy) for file, copy in copies.items()])
 
 
 def _examples() -> dict[str, Path]:
@@ -59,11 +65,27 @@ def _about(path: Path) -> str:
     return f"{title}, with measured spectra" if path.is_dir() else str(title)
 
 
-def _copy(path: Path, target: Path) -> Path:
+def _named_by(path: Path) -> list[Path]:
+    """Files beside a rig file that it names, such as that of a law of one's own, ``file.py:Class``."""
+    if path.suffix != ".toml":
+        return []
+    texts = re.findall(r'"([^":]+)(?::\w+)?"', path.read_text(encoding="utf-8"))
+    return [file for text in dict.fromkeys(texts) if (file := path.parent / text).is_file()]
+
+
+def _same(file: Path, copy: Path) -> bool:
+    return copy.is_file() and copy.read_bytes() == file.read_bytes()
+
+
+def _refuse(target: Path) -> None:
+    """Refuse a copy over what is there, or in no directory."""
     if target.exists():
         raise InputError(f"{COMMAND}: {target} is there already; must be new, try --out")
     if not target.absolute().parent.is_dir():
         raise InputError(f"{COMMAND}: there is no directory {quoted(str(target.parent))}, create it first")
+
+
+def _copy(path: Path, target: Path) -> Path:
     try:
         if path.is_dir():
             shutil.copytree(path, target, ignore=shutil.ignore_patterns("__pycache__"))

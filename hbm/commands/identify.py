@@ -62,6 +62,7 @@ def identify(
         list[str] | None,
         typer.Option(
             "--held-out",
+            "--hold-out",
             metavar="N ...",
             help="Records no fit sees and all laws are scored on; each fifth of the records in turn where omitted.",
         ),

@@ -44,6 +44,9 @@ PROSE = ("about", "most by (tolerance)")
 LISTED = 20
 """Up to so many bifurcations of a curve are listed, more are counted."""
 
+SETTLED = 5e-5
+"""Change from one period to the next below which its per cent would be shown as 0.00."""
+
 UNBOUNDED = 100_000
 """Characters of a line that has room for everything."""
 
@@ -188,8 +191,9 @@ def print_history(console: Console, history: "TimeHistory | JointHistory") -> No
     periods = (len(history.time) - 1) / history.samples_per_period
     lasts = f"{counted(periods, 'period')}, {history.time[-1]:g} s"
     lines = [f"{len(history.time)} samples, {lasts}; the table is of the last period"]
-    if math.isfinite(history.steadiness):
-        lines.append(f"drive displacement still changes by {history.steadiness:.2%} from one period to the next")
+    if math.isfinite(change := history.steadiness):
+        said = "changes by less than 0.01%" if change < SETTLED else f"still changes by {change:.2%}"
+        lines.append(f"drive displacement {said} from one period to the next")
     if isinstance(history, TimeHistory) and history.lift_off is not None:
         lines.append(
             f"warning: the tip would lift off from {history.lift_off:.5g} s on; the model keeps it on the support"

@@ -4,6 +4,8 @@ The rig's own backbone is its damped nonlinear normal mode, which a free decay r
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from hbm.diagnosis.backbonescan import backbone_scan
 from hbm.diagnosis.diagnose import candidates_among
 from hbm.diagnosis.flooredsearch import FlooredSearch
 from hbm.diagnosis.standing import OnProgress
+from hbm.diagnosis.unfitted import asked_for, unfitted, why_unraced
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.measurement.decay import Decay
@@ -78,8 +81,12 @@ def diagnose_backbone(
     )
     assert campaign is not None  # some are left to fit
     tell = on_progress or (lambda doing, done: None)
+    causes = None if causes is None else list(causes)
     candidates = list(candidates_among(rig, causes))
-    return FlooredSearch(rig, campaign, unseen, backbone_scan, candidates, tolerances, tell).diagnosis()
+    search = FlooredSearch(rig, campaign, unseen, backbone_scan, candidates, tolerances, tell)
+    found = search.diagnosis()
+    missing = unfitted(asked_for(candidates, causes), found, partial(why_unraced, search))
+    return replace(found, evidence=(*found.evidence, *missing))
 
 
 def _rows(decay: Decay, named: Iterable[int | str]) -> set[int]:

@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.standing import OnProgress
+from hbm.diagnosis.unfitted import asked_for, unfitted, why_unfitted, why_unraced
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import MANY
@@ -94,6 +96,7 @@ def diagnose(
     numbered = [level for level, _ in rig.excitation.force_gain]
     held = choose_held_out(spectra, numbered) if held_out is None else tuple(spectra.numbers(held_out))
     tell = on_progress or (lambda doing, done: None)
+    causes = None if causes is None else list(causes)
     candidates = list(candidates_among(rig, causes))
     shares = repeatability_of(rig, spectra, repeatability)
     spectra = unrepeatable(spectra, shares)
@@ -108,15 +111,19 @@ def diagnose(
         train, unseen = spectra.split(held) if held else (spectra, None)
         campaign = line_campaign(rig, train, executor)
         hidden = None if unseen is None else line_campaign(rig, unseen, executor)
-        diagnosis = FlooredSearch(rig, campaign, hidden, line_scan, candidates, tolerances, tell).diagnosis()
+        search = FlooredSearch(rig, campaign, hidden, line_scan, candidates, tolerances, tell)
+        why = partial(why_unraced, search)
+        diagnosis = search.diagnosis()
     else:
         found = conclude(held, candidates)
+        why = partial(why_unfitted, found.search)
         if held_out is None and found.untold:
             tell("half as many records held out", 0.0)
             found, beside = conclude(held[1::2], found.contenders, found.search.tried), (HALF, *beside)
         diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
-    return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))
+    missing = unfitted(asked_for(candidates, causes), diagnosis, why)
+    return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence, *missing))
 
 
 def _expect_levels(rig: AnyRig, spectra: MeasuredSpectra) -> None:

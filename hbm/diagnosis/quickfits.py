@@ -155,6 +155,12 @@ class QuickFits:
         """The base on these records alone."""
         return replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
 
+    @property
+    def solved(self) -> dict[str, bool]:
+        """Whether steady states were found from a start of each candidate that was looked at, by label."""
+        begun = {label for (label, _), descent in self.descents.items() if descent is not None}
+        return {label: label in begun for label in self.given}
+
     def ordered(self, scores: Sequence[Score]) -> list[Score]:
         """Candidates by what their best start leaves."""
         self._compare(scores)

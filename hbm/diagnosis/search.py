@@ -304,6 +304,7 @@ class Search(Standing):
         quick = self._quick(base, self.campaign)
         fits = fit_candidates(quick, screening, lambda doing: self.tell(doing, done), self._settles, likely)
         self.fitted += fits
+        self.quickly |= quick.solved
         return self._decided(over, [*lifted, *fits], self.tried)
 
     def _calibrated_from(self, found: Decision) -> Evaluation | None:

@@ -73,6 +73,7 @@ class Standing:
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
         self.screenings: list[Screening] = []
+        self.quickly: dict[str, bool] = {}
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
         self._alone = cache(self._alone_within)
         self._lifted = cache(self._lifted_over)

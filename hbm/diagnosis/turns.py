@@ -17,7 +17,10 @@ RUNNING, HOPELESS = 20, 0.15
 NEARLY = 0.3
 """What is simpler runs first where it promises this share of the other's fall of chi2."""
 
-OF_JOINTS = "parameter:joints."
+JOINTS = "joints."
+"""Beginning of the keys of numbers of joints."""
+
+OF_JOINTS = f"parameter:{JOINTS}"
 """Beginning of the labels of numbers of the joints of a rig file."""
 
 OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
@@ -35,7 +38,7 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     are compared with each other, after the stiffness of the whole body and its drift, which the smallest spring beside
     it, or a friction, stands in for, and every number of the joints of the rig file, which many other joints do. Nor
     does that test foresee what a sensor reads that sits far from its place: of a channel that it favours every number
-    runs.
+    runs. A joint of one's own was not scanned, and runs too.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
@@ -47,12 +50,23 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
         ahead = [*drifts, *(s for s in screening.scores if of_the_rig(s.cause))]
         first = [*ahead, *(s for s in first if s not in ahead)]
     others = [s for s in screening.scores if s not in first]
-    if small(base) or base.model.causes or scanned(base):
+    if small(base) or base.model.causes:
         tried = []
+    elif scanned(base):
+        tried = _own_joints(others, base)
     else:
         forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not unseen(s))]
     return [*first, *tried, *(s for s in others if unseen(s))]
+
+
+def _own_joints(scores: Sequence[Score], base: Evaluation) -> list[Score]:
+    """Joints that the rig file has not, and that were scored by their first small effect all the same."""
+    nominal = base.model.nominal
+    known = nominal.numbers
+    keys = {s.cause.label: [u.key for u in s.cause.unknowns(nominal)] for s in scores if not is_joint(s)}
+    new = {label for label, own in keys.items() if any(key.startswith(JOINTS) and key not in known for key in own)}
+    return [s for s in scores if s.cause.label in new]
 
 
 def of_the_rig(cause: Cause) -> bool:

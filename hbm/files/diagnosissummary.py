@@ -248,13 +248,12 @@ def _named(records: Sequence[str]) -> str:
 
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:
-    """Experiments that would confirm causes; a user's own cause may name none."""
+    """Experiments that would confirm causes; where a user's own cause names none, what confirms any."""
     checks: dict[str, list[str]] = {}
     for cause in causes:
-        checks.setdefault(getattr(cause, "check", ""), []).append(cause.label)
+        checks.setdefault(getattr(cause, "check", "") or Cause.check, []).append(cause.label)
     for check, labels in checks.items():
-        if check:
-            yield f"To confirm {' and '.join(labels)}: {check}."
+        yield f"To confirm {' and '.join(labels)}: {check}."
 
 
 def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:

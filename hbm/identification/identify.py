@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array
 from hbm.identification.comparison import Comparison, compare
 from hbm.identification.fit import Judged, LeastSquares, fit, uncertainty, whitened
@@ -124,6 +124,10 @@ def identify(
     ----------
     docs/theory/equations.md sections 3 and 5; (24).
     """
+    expect_rig(rig, "identify")
+    if not isinstance(reconstruction, Reconstruction):
+        given = type(reconstruction).__name__
+        raise InputError(f"identify: reconstruction is a {given}; must be a Reconstruction, as reconstruct returns")
     held = None if held_out is None else _held(reconstruction, held_out)
     scales, observed = scales_of(reconstruction), observe(reconstruction)
     candidates = _candidates(laws, rig, scales, tuple(hold))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hbm.aft.step import law_step
+from hbm.balance.balanced import expect_joints_of
 from hbm.balance.elements import ForcesInTime, forces_in_time
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, Rates, late, turn
@@ -81,15 +82,14 @@ def expect_divisor(every: int, steps_per_period: int) -> None:
 
 
 def expect_motion_of(rig: AnyRig, motion: PeriodicSolution, where: str) -> None:
-    """Refuse to begin with a motion of another rig, or of another number of modes of this one.
+    """Refuse to begin with a motion of other joints, or of another number of modes.
 
     Raises
     ------
     InputError
-        With both numbers of modes.
+        With the first joint that differs, or both numbers of modes.
     """
-    if missing := [name for name in rig.computed if name not in motion.channels]:
-        raise InputError(f"{where}: start has no {missing[0]}; must be a motion of {rig.name}")
+    expect_joints_of(rig, motion, where)
     modes = motion.state.Q.shape[1]
     if modes != rig.structure.n:
         accepted = f"must have {rig.structure.n} as {rig.name}; simulate the rig of its curve, curve.rig"

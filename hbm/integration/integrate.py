@@ -96,8 +96,9 @@ def simulate(
         unless given, and more where they cannot be solved; with joints as many as resolve the highest mode.
     start : State or PeriodicSolution, optional
         Initial state, at rest unless given; or a motion, such as a point of a curve or of a nonlinear mode, whose state
-        at the crest of the force it is. A rig with joints takes (size,) numbers in place of a State, see
-        :func:`hbm.integration.jointed.simulate_joints`.
+        at the crest of the force it is. The motion may be of another rig that has as many modes, and joints of the same
+        names, numbers of places and order; of a contact, a law with as many states. Nothing else is compared. A rig
+        with joints takes (size,) numbers in place of a State, see :func:`hbm.integration.jointed.simulate_joints`.
     last_periods : int, optional
         Number of periods at the end to keep; everything unless given.
     every : int
@@ -114,7 +115,7 @@ def simulate(
     Raises
     ------
     ValueError
-        If an argument is out of range.
+        If an argument is out of range, or `start` is of other modes or joints.
     ArithmeticError
         If a step cannot be solved, or no stable scheme exists at this step.
     """

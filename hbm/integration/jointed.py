@@ -149,8 +149,8 @@ def simulate_joints(
     steps_per_period : int, optional
         The error falls with its square; 512, or as many more as resolve the highest mode, unless given.
     start : (size,) array or PeriodicSolution, optional
-        A state at phase 0 of the force, such as a row of :attr:`JointHistory.states`, or a motion of this rig whose
-        state there it is; from rest unless given.
+        A state at phase 0 of the force, such as a row of :attr:`JointHistory.states`, or a motion of as many modes
+        and of the same joints, whose state there it is; from rest unless given.
     last_periods : int, optional
         Keep these only; everything unless given.
     every : int

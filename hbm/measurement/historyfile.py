@@ -34,7 +34,7 @@ from hbm.measurement.matfile import load_variables
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import DRIVES, KIND, TIMES, Found, Recording, recording, renamed
 from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
-from hbm.textfiles import StrPath, damage
+from hbm.textfiles import StrPath, damage, expect_file
 
 RATES = ("fs", "sampling_hz")
 
@@ -105,9 +105,7 @@ def _read(path: Path) -> Found:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: not {KIND}; must end in {' or '.join(READERS)}")
-    if not path.is_file():
-        found = "is a directory" if path.is_dir() else "no such file"
-        raise InputError(f"{path}: {found}; must be {KIND}")
+    expect_file(path, KIND)
     return reader(path)
 
 

@@ -74,14 +74,14 @@ def entries_of(paths: Iterable[Path]) -> list[Entry]:
 
 
 def _of_path(path: Path) -> Sequence[Entry]:
-    if path.is_dir() and path.suffix.lower() not in READERS:
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; must be a time history, a manifest or a folder")
+    if path.is_dir():
         return _of_folder(path)
     if path.suffix.lower() == ".toml":
         return list(_of_toml(path))
     if path.suffix.lower() == ".csv" and _lists_files(path):
         return list(_of_csv(path))
-    if path.suffix.lower() not in READERS and not path.exists():
-        raise InputError(f"{path}: no such file or folder; must be a time history, a manifest or a folder")
     return [Entry(path)]
 
 
@@ -164,8 +164,9 @@ def _number(where: str, name: str, text: str) -> float:
 
 
 def _of_toml(path: Path) -> Iterator[Entry]:
+    text = _text(path)
     try:
-        said = tomllib.loads(_text(path))
+        said = tomllib.loads(text)
     except tomllib.TOMLDecodeError as refused:
         raise InputError(f"{path}: {refused}; must be {KIND} (TOML)") from None
     except (ValueError, RecursionError):  # integers of thousands of digits, arrays nested thousands deep

@@ -31,7 +31,7 @@ from hbm.measurement.exchange import (
 from hbm.measurement.inband import warn_far_below
 from hbm.measurement.repeatability import with_std
 from hbm.measurement.spectra import AT, MeasuredSpectra
-from hbm.textfiles import StrPath, csv_text, read_rows, write_together
+from hbm.textfiles import StrPath, csv_text, expect_file, read_rows, write_together
 from models.jointed import AnyRig
 from models.plausible import impossible
 
@@ -115,8 +115,7 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     source, ending = str(path), Path(path).suffix.lower()
     if ending not in READ:
         raise InputError(f"{source}: not a spectra file; must end in {' or '.join(READ)}")
-    if not Path(path).exists():
-        raise InputError(f"{source}: no such file; must be a spectra file")
+    expect_file(source, "a spectra file")
     tables = {".csv": _csv_rows, ".npz": npz_rows, ".nc": netcdf_rows, ".mat": mat_rows}
     rows = list(tables[ending](path))
     said = [NOTE.fullmatch(",".join(cells).strip()) for _, cells in rows if _is_note(cells)]

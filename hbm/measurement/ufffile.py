@@ -6,7 +6,7 @@ from typing import Any
 
 from hbm.errors import InputError
 from hbm.labelled import extra
-from hbm.textfiles import damage
+from hbm.textfiles import damage, expect_file
 
 DataSet = Mapping[str, Any]
 """As pyuff reads it."""
@@ -25,6 +25,7 @@ def read_uff(path: Path) -> list[dict[str, Any]]:
     InputError
         If it cannot be read.
     """
+    expect_file(path, "a UFF file")
     reader = extra("pyuff", str(path))
     try:
         sets = reader.UFF(str(path)).read_sets()

@@ -6,6 +6,7 @@ import numpy as np
 
 from continuation import Branch, ConvergenceError, Correction, NewtonSettings, Predictor, Settings, solve_at
 from hbm.balance.scaled import State
+from hbm.errors import expect_positive, expect_two, expect_whole
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
 from hbm.modes.linear import Touching
@@ -157,7 +158,11 @@ def traced(
     ConvergenceError
         If there is no first motion.
     """
-    first, last = default_amplitudes(problem.rig, mode) if amplitudes is None else amplitudes
+    expect_whole(mode, "mode", "backbone")
+    given = default_amplitudes(problem.rig, mode) if amplitudes is None else amplitudes
+    first, last = expect_two(given, "amplitudes", "backbone")
+    for end in (first, last):
+        expect_positive(end, "amplitudes", "backbone", "m")
     if not 0.0 < first < last:
         raise ValueError(f"backbone: amplitudes {first:g} to {last:g} m; must be > 0 and grow")
     lam, linear = (float(np.log10(first)), float(np.log10(last))), StuckMode.of(problem.rig, mode)

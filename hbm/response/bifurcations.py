@@ -18,6 +18,7 @@ from continuation.segment import Segment
 from hbm.balance.balanced import balanced
 from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution
+from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.accuracy import finer
@@ -120,6 +121,9 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     ValueError
         Where the judge cannot tell.
     """
+    if not isinstance(curve, ResponseCurve):
+        accepted = "must be a curve, such as trace_frequency returns; stability_of judges one point"
+        raise InputError(f"with_stability: curve is a {type(curve).__name__}; {accepted}")
     finely = lru_cache(maxsize=1)(_finely)  # of the balance of the curve, or along a parameter of that of each point
 
     known: dict[tuple[float, bytes], Stability] = {}

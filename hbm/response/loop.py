@@ -105,6 +105,8 @@ def friction_loop(
     >>> f"{loop.T.max():.6g} N, {loop.dissipated:.3g} J"  # mu P, and 4 mu P (amplitude - critical slip)
     '40 N, 0.00096 J'
     """
+    if isinstance(law, type) or not hasattr(law, "set_valued") or hasattr(law, "ports"):
+        raise ValueError(f"friction_loop: law = {law!r:.80}; must be a friction law, such as Jenkins(0.5, 4e-6)")
     u, R = _coefficients(slip), np.atleast_1d(np.asarray(load if reaction is None else reaction, dtype=float))
     _check(u, R, hz, load, compliance, samples)
     basis = FourierBasis(max(len(u), len(R), 3) // 2, samples)

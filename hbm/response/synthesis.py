@@ -7,6 +7,7 @@ samples, and the spectra are estimated from these recordings as measured ones ar
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -136,6 +137,8 @@ def _check(rig: AnyRig, levels: Sequence[float], frequencies: Sequence[float]) -
     if not rig.channels:
         raise InputError(f"synthesize: {rig.name} has no channels; must have at least one [[channels]]")
     for what, values in (("levels", levels), ("frequencies", frequencies)):
+        if isinstance(values, Real | str):
+            raise InputError(f"synthesize: {what} = {values!r}; must be a sequence of numbers, such as [{values}]")
         if not len(values):
             raise InputError(f"synthesize: no {what}; must be at least one")
     for level in levels:

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from continuation import ConvergenceError, Settings
+from hbm.balance.balanced import expect_joints_of
 from hbm.balance.problem import AnyBalance, balance_of
 from hbm.balance.solution import PeriodicSolution, describe, expect_periodic
 from hbm.balance.tones import basis_for, holding
@@ -57,7 +58,8 @@ def steady_state(
     samples : int, optional
         Samples per period; :func:`default_samples` where omitted.
     start : PeriodicSolution, optional
-        Where to start from, any number of harmonics and modes; decides the branch where there are several.
+        Where to start from, any number of harmonics and modes; decides the branch where there are several. A motion of
+        another rig will do that has joints of the same names, places and order.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def steady_state(
     Raises
     ------
     InputError
-        If the force has a harmonic above H.
+        If the force has a harmonic above H, or `start` is no motion of these joints.
     continuation.ConvergenceError
         If neither Newton nor a ramp of the force nor a march in time finds it, or friction pushes a free body along.
 
@@ -79,6 +81,8 @@ def steady_state(
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
     expect_level(level, "steady_state")
+    if start is not None:
+        expect_joints_of(rig, start, "steady_state")
     problem = balance_of(rig, basis_for(rig, harmonics, samples, "steady_state"), level=level)
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
+from hbm.rigfiles.damping import damped_twice, damping_of
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrixbody import MatrixTable, Shown, in_its_file, matrix_body
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
@@ -30,11 +31,11 @@ from hbm.rigfiles.schema import (
     law_table,
     ranked,
 )
-from models import LAWS, Beam, Channel, Damping, Excitation
+from models import LAWS, Beam, Channel, Excitation
 from models.bodies.finite import End, FiniteBeam
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig, JointedRig, places_of
 from models.joints import JOINT_LAWS, Friction, Joint
 from models.parts import Quantity
 
@@ -188,19 +189,15 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")
     file = _at_ports(JointedRigTable.model_validate(table))
-    for complaint in descents(file.modal.frequencies_hz if file.modal else ()):
+    for complaint in (*descents(file.modal.frequencies_hz if file.modal else ()), *damped_twice(file.damping)):
         raise InputError(f"{source}: {complaint}")
     try:
-        rig = JointedRig(
-            name=visible(file.name),
-            body=_body(file, folder),
-            damping=_damping(file.damping),
-            joints=tuple(_joint(entry, folder, consent) for entry in file.joints),
-            excitation=Excitation(
-                **_placed(file.excitation, "force_gain"), force_gain=_pairs(file.excitation.force_gain)
-            ),
-            channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
-        )
+        joints = tuple(_joint(entry, folder, consent) for entry in file.joints)
+        force = Excitation(**_placed(file.excitation, "force_gain"), force_gain=_pairs(file.excitation.force_gain))
+        channels = tuple(Channel(**_placed(channel)) for channel in file.channels)
+        places = places_of(joints, force, [c for c in channels if c.quantity != "force"])
+        body = _body(file, folder, places)
+        rig = JointedRig(visible(file.name), body, damping_of(file.damping), joints, force, channels)
         if file.modal is not None and file.modal.tolerances is not None:
             rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
         return with_extensions(rig, file.extensions, folder, consent)
@@ -348,13 +345,7 @@ def _placed(what: PlacedExcitationTable | PlacedChannelTable, *but: str) -> dict
     return values | {"at": values["at"] or "", "position": values["position"] or 0.0}
 
 
-def _damping(damping: DampingTable) -> Damping:
-    entries = damping.model_dump(exclude={"mass_proportional", "modal_ratios"})
-    ratios = None if damping.modal_ratios is None else tuple(damping.modal_ratios)
-    return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
-
-
-def _body(file: JointedRigTable, folder: Path) -> Body:
+def _body(file: JointedRigTable, folder: Path, places: Sequence[str]) -> Body:
     if file.beam is not None:
         values = file.beam.model_dump()
         root, tip = values.pop("root"), values.pop("tip")
@@ -363,7 +354,7 @@ def _body(file: JointedRigTable, folder: Path) -> Body:
         return _modal(file.modal)
     if file.matrix is None:
         raise ValueError("no body")
-    return matrix_body(file.matrix, folder)
+    return matrix_body(file.matrix, folder, places)
 
 
 def _modal(modal: PortedModalTable) -> ModalModel:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError, visible
+from hbm.rigfiles.damping import damped_twice, damping_of
 from hbm.rigfiles.joints import descents, is_jointed, jointed_rig, with_extensions
 from hbm.rigfiles.laws import Consent, find_law
 from hbm.rigfiles.schema import (
@@ -31,7 +32,7 @@ from hbm.rigfiles.schema import (
     law_table,
     root_schema,
 )
-from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
+from models import Beam, Channel, Contact, Excitation, FrictionLaw, ModalBody, Rig, describe
 from models.friction import settings
 from models.jointed import AnyRig
 from models.plausible import PlausibilityWarning, doubts, quiet, told
@@ -202,11 +203,10 @@ def _of_damping(damping: DampingTable, modes: int) -> Iterator[Complaint]:
         if damping.mass_proportional is None:
             yield Complaint(("damping", "mass_proportional"), "is missing", "must have it or modal_ratios")
         return
-    key = ("damping", "modal_ratios")
-    if damping.mass_proportional is not None:
-        yield Complaint(key, "and damping.mass_proportional are both present", "must have one of them")
+    yield from damped_twice(damping)
     if len(damping.modal_ratios) not in (1, modes):
-        yield Complaint(key, _has(damping.modal_ratios), f"must have 1{f', or {modes}, one per mode' * (modes > 1)}")
+        accepted = f"must have 1{f', or {modes}, one per mode' * (modes > 1)}"
+        yield Complaint(("damping", "modal_ratios"), _has(damping.modal_ratios), accepted)
 
 
 def _of_law(kind: type, law: Table) -> Iterator[Complaint]:
@@ -257,7 +257,7 @@ def _rig(file: BeamRig | ModalRig, law: FrictionLaw) -> Rig:
     return Rig(
         name=visible(file.name),
         body=Beam(**file.beam.model_dump()) if isinstance(file, BeamRig) else _modal_body(file.modal),
-        damping=_damping(file.damping),
+        damping=damping_of(file.damping),
         contact=_contact(file.contact, law),
         excitation=Excitation(**file.excitation.model_dump()),
         channels=tuple(Channel(**channel.model_dump()) for channel in file.channels),
@@ -276,12 +276,6 @@ def _modal_body(modal: ModalTable) -> ModalBody:
         contact_shape=tuple(modal.contact_shape),
         excitation_shape=tuple(modal.excitation_shape),
     )
-
-
-def _damping(damping: DampingTable) -> Damping:
-    entries = damping.model_dump(exclude={"mass_proportional", "modal_ratios"})
-    ratios = None if damping.modal_ratios is None else tuple(damping.modal_ratios)
-    return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
 
 
 def _law(kind: type, law: Table) -> FrictionLaw:

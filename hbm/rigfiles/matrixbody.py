@@ -1,6 +1,7 @@
 """``[matrix]``: a body of matrices in files beside the rig file."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +17,7 @@ Shown = Annotated[str, Field(pattern=PRINTABLE)]
 
 FAULT = re.compile(
     r"(?:.*: )?MatrixBody: (?P<of>the largest entry of )?"
-    r"(?P<name>mass|stiffness|damping_matrix|dofs|fixed|modes)\b (?P<found>.*)"
+    r"(?P<name>mass|stiffness|damping_matrix|dofs|fixed|modes|reduction)\b (?P<found>.*)"
 )
 """What a body says of an argument of its own."""
 
@@ -38,8 +39,8 @@ class MatrixTable(Table):
     stiffness_factor: Annotated[float, Field(gt=0.0)] = 1.0
 
 
-def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
-    """Body of the matrices that a table names, of files in a folder.
+def matrix_body(matrix: MatrixTable, folder: Path, places: Sequence[str]) -> MatrixBody:
+    """Body of the matrices that a table names, of files in a folder, touched at some places.
 
     Raises
     ------
@@ -56,7 +57,9 @@ def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
     fixed = dict.fromkeys(name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given]))
     modes = matrix.modes
     if "modes" not in matrix.model_fields_set:  # what nobody asked for is no reason to refuse a small model
-        modes = max(min(modes, len(names) - len(fixed)), 1)
+        held = {*fixed, *(places if matrix.reduction == "craig-bampton" else ())}
+        moving = sum(m > 0.0 and name not in held for name, m in zip(names, mass.diagonal(), strict=False))
+        modes = max(min(modes, moving), 1)
     return MatrixBody(
         mass,
         stiffness,
@@ -83,7 +86,7 @@ def in_its_file(refused: str, matrix: MatrixTable | None) -> str:
         return refused
     key = fault["name"].removesuffix("_matrix")
     file = getattr(matrix, key)
-    if key in ("fixed", "modes"):
+    if key in ("fixed", "modes", "reduction"):
         return f"matrix.{key} {fault['found']}"
     if file is None:  # names that are counted, or of the file of the stiffness
         return refused

@@ -23,7 +23,7 @@ from models.bodies.matrixchecks import (
     square,
 )
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
-from models.bodies.ported import Elastic, PlaceError, PortedModes
+from models.bodies.ported import Elastic, PlaceError, PortedModes, meant
 from models.bounds import bounded, whole
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -227,7 +227,7 @@ class MatrixBody(Elastic):
         """Numbers of places among the free degrees of freedom."""
         for name in places:
             if name not in self._numbers:
-                accepted = f"must be of dofs, {some(self.dofs)}"
+                accepted = f"must be of dofs, {some(self.dofs)}{meant(name, self._numbers)}"
                 raise PlaceError(f'MatrixBody: place "{name}"; {accepted}', name, accepted)
             if name in self.fixed:
                 accepted = "must be free to move, it is fixed"
@@ -284,7 +284,11 @@ class MatrixBody(Elastic):
         mass = part(self.mass, self._free, self._free)
         ports = np.unique(at)
         inner = np.setdiff1d(np.arange(len(self._free)), ports)
-        if self.modes > (there := self._most_modes(at)):
+        there = self._most_modes(at)
+        if not there:
+            accepted = 'must be "modes", or have fewer places: no degree of freedom with mass is left for modes'
+            raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; {accepted}')
+        if self.modes > there:
             most = f"must be <= {there}, the degrees of freedom with mass that are neither fixed nor places"
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
         pencil = Pencil(part(stiffness, inner, inner), part(mass, inner, inner))

@@ -34,8 +34,8 @@ def size(matrix: Matrix) -> str:
 
 def square(name: str, given: Matrix) -> Matrix:
     """The matrix by columns; refuse what is not square, real and finite."""
-    if np.ndim(given) != 2 and not sparse.issparse(given):
-        raise ValueError(f"MatrixBody: {name} = {given!r:.40}; must be a square matrix")
+    if not sparse.issparse(given):
+        given = _array(name, given)
     if given.shape[0] != given.shape[1] or not given.shape[0]:
         raise ValueError(f"MatrixBody: {name} is {size(given)}; must be square")
     if np.iscomplexobj(given):
@@ -45,6 +45,17 @@ def square(name: str, given: Matrix) -> Matrix:
     if bad := int((~np.isfinite(matrix.data)).sum()):
         raise ValueError(f"MatrixBody: {name} has {bad} entries that are nan or infinite; must be finite")
     return matrix
+
+
+def _array(name: str, given: Any) -> Any:
+    """Rows of numbers, as lists or otherwise, as one array."""
+    try:
+        array = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        array = np.zeros(0)
+    if array.ndim != 2 or array.dtype.kind not in "biufc":
+        raise ValueError(f"MatrixBody: {name} = {given!r:.40}; must be a square matrix")
+    return array
 
 
 def refuse_size(name: str, matrix: Matrix, dofs: Sequence[str], held: npt.NDArray[np.intp]) -> None:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.bodies.ported import PlaceError, PortedModes
+from models.bodies.ported import PlaceError, PortedModes, meant
 from models.bounds import bounded
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -184,7 +184,7 @@ class ModalModel:
         for what, asked, there in (("port", places, known), ("support", supports, list(self.reactions))):
             missing = next((name for name in asked if name not in there), None)
             if missing is not None:
-                named = ", ".join(there) or "none"
+                named = (", ".join(there) or "none") + meant(missing, there)
                 raise PlaceError(f'no {what} "{missing}"; there are {named}', missing, f"{what}s are {named}")
         at = [known.index(name) for name in places]
         n, p = self.modes, len(known)

@@ -53,7 +53,7 @@ class Pencil:
         # whatever has no stiffness at all: springs to nothing
         self.shift = self.shift if self.shift > 0.0 else 1.0
         self._factors = factors(stiffness + self.shift * mass, pivoting=0.0)
-        if (self._factors.U.diagonal() < 0.0).any():  # Sylvester: symmetric pivots have the signs of the eigenvalues
+        if _negative(self._factors):
             raise _indefinite(stiffness, "")
 
     def lowest(self, n: int) -> Modes:
@@ -143,8 +143,21 @@ def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[A
 def _indefinite(stiffness: Matrix, found: str) -> ValueError:
     """What is wrong with a stiffness, and what may have made it so."""
     single = "; its entries are rounded to single precision, which may do that: write them in double"
-    why = single if _single(stiffness.data) else ""
+    why = single if _single(stiffness.data) and _nearly_definite(stiffness) else ""
     return ValueError(f"MatrixBody: stiffness is indefinite{found}; must have no negative eigenvalue{why}")
+
+
+def _negative(factors: Any) -> bool:
+    """Whether what was factorised has a negative eigenvalue: symmetric pivots have the signs of these (Sylvester)."""
+    return bool((factors.U.diagonal() < 0.0).any())
+
+
+def _nearly_definite(stiffness: Matrix) -> bool:
+    """Whether its negative eigenvalues are as small as rounding its entries to single precision makes them (Weyl)."""
+    from scipy.sparse import eye_array  # a beam needs none of it
+
+    reach = float(np.finfo(np.float32).eps) * abs(stiffness).sum(axis=1).max()
+    return not _negative(factors(stiffness + reach * eye_array(stiffness.shape[0]), pivoting=0.0))
 
 
 def _single(entries: Array) -> bool:

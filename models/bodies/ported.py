@@ -1,7 +1,9 @@
 """A linear body as joints see it: modes, and the rows of its ports."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -68,6 +70,22 @@ class PortedModes:
         """Motion of the ports per force at the ports that swings at `omega` [rad/s], (p, p) [m/N]."""
         dynamic = np.diag(self.omega_n**2 - omega**2) + 1j * omega * self.damping
         return np.asarray(self.rows @ np.linalg.solve(dynamic, self.rows.T) + self.flexibility)
+
+
+SIGNS = re.compile(r"\s*[+-]\s*")
+"""What a sum of places has between them."""
+
+
+def meant(place: str, known: Collection[str]) -> str:
+    """What to try in place of a name that is not known; empty where none is near.
+
+    >>> meant("a.9", ("a.1", "tip")), meant("a.1-tip", ("a.1", "tip")), meant("x", ("a.1", "tip"))
+    ('; did you mean a.1?', '; in a sum, signs stand between blanks', '')
+    """
+    if SIGNS.search(place) and all(part in known for part in SIGNS.split(place)):
+        return "; in a sum, signs stand between blanks"
+    close = get_close_matches(place, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 class PlaceError(ValueError):

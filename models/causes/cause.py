@@ -66,7 +66,7 @@ class Cause(Protocol):
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
     check : str
-        The cheapest experiment that would confirm or refute it on the structure.
+        The cheapest experiment that would confirm or refute it on the structure, in words that follow a colon.
     abrupt : bool
         Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
     free : bool
@@ -83,7 +83,9 @@ class Cause(Protocol):
     meaning: ClassVar[str]
     looks_like: ClassVar[str]
     confused_with: ClassVar[str]
-    check: ClassVar[str] = ""
+    check: ClassVar[str] = (
+        "change it on the structure by a known amount, or take it away, and repeat the records missed most"
+    )
     abrupt: ClassVar[bool] = False
     free: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()

@@ -1,6 +1,7 @@
 """A joint: a law, and where it acts on a body."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -10,6 +11,12 @@ from models.plausible import impossible
 
 GROUND = ""
 """In place of a name: the ground."""
+
+NORMAL = {
+    1: "; with normal_stiffness it has 2, the second along the normal",
+    2: ", the second along the normal, where its normal_stiffness acts",
+}
+"""What makes a friction joint have so many places."""
 
 BETWEEN = re.compile(r"\s+\+\s+|\s+(?=-\s)")
 """What parts the terms of a sum: a hyphen without blanks belongs to a name, such as ``acc-1``."""
@@ -88,12 +95,17 @@ class Joint:
         if isinstance(self.law, type) or not hasattr(self.law, "ports"):
             raise ValueError(f"joint {self.name}: {_no_law(self.law)}")
         for what, places in (("at", self.at), ("to", self.to)):
-            if isinstance(places, str) and places:
-                raise ValueError(f'joint {self.name}: {what} = "{places}"; must be a tuple of names, ("{places}",)')
+            if (isinstance(places, str) and places) or not isinstance(places, Sequence):
+                said = f'"{places}"' if isinstance(places, str) else repr(places)
+                raise ValueError(f'joint {self.name}: {what} = {said}; must be a tuple of names, ("{places}",)')
+            for place in places:
+                if not isinstance(place, str):
+                    raise ValueError(f'joint {self.name}: {what} has {place!r}; must be names, such as "{place}"')
             if len(places) != self.law.ports and (places or what == "at"):
                 there, needed = len(places), self.law.ports
+                hint = NORMAL.get(needed, "") if self.law.name == "friction" else ""
                 raise ValueError(
-                    f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}"
+                    f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}{hint}"
                 )
         still = next((at for at, to in self.ends if to and terms(at) == terms(to)), None)
         if still is not None:

@@ -185,8 +185,9 @@ def test_an_empty_folder_and_a_file_without_frequency_are_refused(tmp_path: Path
     assert run(str(tmp_path), "--out", str(tmp_path / "s.csv")).stderr.startswith(
         f"{tmp_path}: no recordings; must have"
     )
-    missing = run(str(tmp_path / "runs"), "--out", str(tmp_path / "s.csv")).stderr
-    assert missing == f"{tmp_path / 'runs'}: no such file or folder; must be a time history, a manifest or a folder\n"
+    for name in ("runs", "manifest.toml", "manifest.csv"):
+        missing = run(str(tmp_path / name), "--out", str(tmp_path / "s.csv")).stderr
+        assert missing == f"{tmp_path / name}: no such file or folder; must be a time history, a manifest or a folder\n"
     export(tmp_path / "a_50Hz.csv", "Time (s);force;a1")
     export(tmp_path / "b.csv", "Time (s);force;a1")
     result = run(str(tmp_path), "--out", str(tmp_path / "s.csv"))
@@ -249,6 +250,12 @@ def test_a_diagnosis_repeats_what_speaks_against_a_record() -> None:
     noted = replace(spectra, source="s.csv", notes=((3, "a1 is flat-topped: was it clipped?"),))
     found = diagnose(rig, noted, causes=[], held_out=[2])
     assert "Record 3 of s.csv: a1 is flat-topped: was it clipped." in found.json()["evidence"]
+
+
+def test_a_manifest_that_cannot_be_read_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_bytes(b"# \xff")
+    assert "m.toml: cannot be read ('utf-8' codec can't decode byte 0xff" in run(str(path), "--out", "s.csv").stderr
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ EXAMPLES = """
 from typer.testing import CliRunner
 from hbm.cli import app
 
-copies = [["examples", name] for name in ("diagnosed_beam", "paper_beam_bouc_wen.toml", "bouc_wen.py")]
+copies = [["examples", name] for name in ("diagnosed_beam", "paper_beam_bouc_wen.toml")]
 for args in (["examples"], *copies, ["modes", "paper_beam_bouc_wen.toml", "--allow-code"]):
     print(CliRunner().invoke(app, args).output)
 """
@@ -160,3 +160,19 @@ def test_an_example_never_overwrites(tmp_path: Path, monkeypatch: pytest.MonkeyP
     again = run.invoke(app, ["examples", "one_mode.toml"])
     assert (again.exit_code, again.stderr) == (2, "examples: one_mode.toml is there already; must be new, try --out\n")
     assert run.invoke(app, ["examples", "none.toml"]).stderr.startswith('examples: "none.toml"; must be one of ')
+
+
+def test_an_example_brings_the_file_of_its_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from hbm.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    run, rig = CliRunner(), "paper_beam_bouc_wen.toml"
+    assert run.invoke(app, ["examples", rig]).stdout == f"wrote {rig}\nwrote bouc_wen.py\n"
+    again = run.invoke(app, ["examples", rig, "--out", "again.toml"])
+    assert again.stdout == "wrote again.toml\n"  # the law is there
+    (tmp_path / "bouc_wen.py").write_text("mine", encoding="utf-8")
+    refused = run.invoke(app, ["examples", rig, "--out", "third.toml"])
+    assert refused.stderr == "examples: bouc_wen.py is there already; must be new, try --out\n"
+    assert not (tmp_path / "third.toml").exists()

@@ -190,11 +190,13 @@ def test_a_candidate_that_cannot_be_solved_is_told(rig: JointedRig, monkeypatch:
     truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
     found = diagnose_backbone(rig, decayed(truth, 1), causes=[CubicStiffness, QuadraticDamping])
     assert (found.verdict, found.ranking) == ("unexplained", ())
-    assert found.evidence[-2:] == (
+    assert found.evidence[-4:] == (
         "Joints that promise to take some of the misfit, to first order: 1. Models fitted with those that promise "
         "most: 1.",
         "Not solved on the 8 amplitudes of acc from any of their starts, 1 of 1, which are in no ranking for that: "
         "cubic-stiffness tip.",
+        "cubic-stiffness is in no ranking: not solved from any of its starts.",
+        "quadratic-damping is in no ranking: it promises nothing, to first order.",
     )
 
 

@@ -147,6 +147,12 @@ at = "2.x"
     )
     path.write_text(text.replace("modes = 2\n", ""))  # of 20 by default there are no more than two
     assert load_rig(path).structure.omega_n ** 2 == pytest.approx(free, rel=1e-10)
+    held = text.replace("modes = 2\n", 'reduction = "craig-bampton"\n')
+    path.write_text(held.replace('at = "2.x"\nto = "3.x"', 'at = "3.x"').replace('at = "2.x"', 'at = "3.x"'))
+    assert load_rig(path).body.modes == 1  # of the mass that is no place
+    path.write_text(held)
+    with pytest.raises(InputError, match=r'matrix\.reduction = "craig-bampton"; must be "modes", or have fewer places'):
+        load_rig(path)
     path.write_text(text)
     for names in ("\ufeff1.x\r\n2.x\r\n3.x\r\n", "1.x 2.x\n3.x\n"):
         (tmp_path / "dofs.txt").write_text(names, encoding="utf-8")

@@ -62,6 +62,8 @@ gap = 1e-5
 at = "two"
 """
 MATRIX = "damping_matrix = [[{}, 0.0], [0.0, 1.0]]\n[excitation]"
+PAD = 'law = "impact-stop"\nstiffness = 1e4\ngap = 1e-5\nat = "two"'
+RUB = 'law = "coulomb-penalty"\nmu = 0.3\ncritical_slip = 1e-5\nnormal_load = 5.0\n'
 LINEAR = FILE.partition("[[joints]]")[0]
 TAKEN = "must not be one of the computed drive, pad.motion, pad.force"
 
@@ -96,6 +98,11 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             "[damping]",
             "damping_matrix = [[1.0, 0.0], [0.0, 1.0]]\n[damping]",
             "damping and modal.damping_matrix are both present; must have one of them",
+        ),
+        (
+            "modal_ratios = [0.01]",
+            "modal_ratios = [0.01]\nmass_proportional = 3.0",
+            "damping.modal_ratios and damping.mass_proportional are both present; must have one of them",
         ),
         (
             "[damping]\nmodal_ratios = [0.01]\n[excitation]",
@@ -141,6 +148,24 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             'quantity = "acceleration"\nat = "one"',
             'quantity = "acceleration"\nat = "one - 2*two"',
             'two modes: channels[2].at = "one - 2*two"; must be one place, sums and multiples of places are for joints',
+        ),
+        ('at = "two"', 'at = "tow"', 'two modes: joint pad: at = "tow"; ports are one, two; did you mean two?'),
+        (
+            'at = "two"',
+            'at = "one-two"',
+            'two modes: joint pad: at = "one-two"; ports are one, two; in a sum, signs stand between blanks',
+        ),
+        (
+            PAD,
+            f'{RUB}at = ["one", "two"]',
+            "joint pad: at has 2 places; must have 1 for friction; with normal_stiffness it has 2, the second along "
+            "the normal",
+        ),
+        (
+            PAD,
+            f'{RUB}normal_stiffness = 1e5\nat = "one"',
+            "joint pad: at has 1 places; must have 2 for friction, the second along the normal, where its "
+            "normal_stiffness acts",
         ),
         ('at = "two"', 'at = "two"\nto = "1*two"', 'joint pad: at and to are both "two"; must differ, or leave out to'),
     ],

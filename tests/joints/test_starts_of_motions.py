@@ -1,12 +1,13 @@
 """Time integration that begins with a motion of a harmonic balance: a point of a curve, or of a nonlinear mode."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from hbm import InputError, joint_steady_state, nonlinear_mode, simulate, trace_frequency
+from hbm import InputError, joint_steady_state, nonlinear_mode, simulate, steady_state, trace_frequency
 from hbm.balance.solution import PeriodicSolution
 from hbm.integration.handover import state_at_phase_zero
 from hbm.response.curve import ResponseCurve
@@ -117,3 +118,31 @@ def test_motions_of_other_rigs_are_refused(leaning: ResponseCurve) -> None:
     with pytest.raises(InputError) as refused:
         joint_steady_state(fewer, 25.0, start=peak)
     assert str(refused.value) == f"joint_steady_state: {said}"
+
+
+def test_a_motion_goes_on_in_a_rig_of_other_numbers(leaning: ResponseCurve) -> None:
+    peak, softer = leaning.peak, leaning.rig.with_number("joints.cable.cubic", 1.9e8)
+    history = simulate(softer, peak.hz, level=peak.level, start=peak, duration=1 / peak.hz)
+    began = history.channels["drive"].values[0]
+    assert began == pytest.approx(peak["drive"].samples[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (lambda j: j[:1], "start has cable.motion; must be a motion of frame, which has no such joint"),
+        (lambda j: j[::-1], "start has its joints in another order; must be as in frame, cable.motion, bolt.motion"),
+        (lambda j: (*j, replace(j[1], name="rope")), "start has no rope.motion; must be a motion of frame"),
+    ],
+    ids=["one less", "another order", "one more"],
+)
+def test_motions_of_other_joints_are_refused(
+    leaning: ResponseCurve, joints: Callable[[tuple[Joint, ...]], tuple[Joint, ...]], said: str
+) -> None:
+    peak, other = leaning.peak, replace(leaning.rig, joints=joints(leaning.rig.joints))
+    with pytest.raises(InputError) as refused:
+        simulate(other, peak.hz, start=peak)
+    assert str(refused.value) == f"simulate: {said}"
+    with pytest.raises(InputError) as refused:
+        steady_state(other, peak.hz, start=peak)
+    assert str(refused.value) == f"steady_state: {said}"

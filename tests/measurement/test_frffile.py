@@ -46,6 +46,11 @@ def written(path: Path, *sets: dict) -> Path:
     return path
 
 
+def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no\.uff: no such file; must be a UFF file"):
+        load_responses(tmp_path / "no.uff")
+
+
 def test_uff_in_g_per_lbf_is_read_in_si(tmp_path: Path) -> None:
     H = accelerance()
     sets = [data_set(H[:, j] * LBF / G, (j + 1, 3), (1, 3)) for j in range(2)]

@@ -273,8 +273,11 @@ def test_a_copy_of_a_record_is_refused(rig: Rig, tmp_path: Path) -> None:
 def test_what_is_not_a_spectra_file_is_refused(rig: Rig, tmp_path: Path) -> None:
     binary = tmp_path / "b.csv"
     binary.write_bytes(b"record,\xff\xfe")
+    folder = tmp_path / "s.nc"
+    folder.mkdir()
     said = {
         tmp_path / "no.csv": "no such file; must be a spectra file",
+        folder: "is a directory; must be a spectra file",
         tmp_path / "s.xlsx": "not a spectra file; must end in .csv or .npz or .nc or .mat",
         binary: "cannot be read ('utf-8' codec can't decode byte 0xff in position 7: invalid start byte); "
         "must be a spectra file (CSV)",

@@ -28,6 +28,10 @@ FOUR = (1.0, 1.0)
         (lambda: replace(RIG.body, length=-1.0), "Beam: length = -1; must be > 0"),
         (lambda: replace(RIG.body, modes=0), "Beam: modes = 0; must be >= 1"),
         (lambda: Damping(mass_proportional=-0.1), "Damping: mass_proportional = -0.1; must be >= 0"),
+        (
+            lambda: Damping(mass_proportional=3.0, modal_ratios=(0.01,)),
+            "Damping: modal_ratios and mass_proportional are both given; must have one of them",
+        ),
         (lambda: Excitation(-6.5), "Excitation: amplitude = -6.5; must be >= 0"),
         (lambda: Channel("a", "jerk"), 'Channel: quantity = "jerk"; must be one of force, acceleration'),
         (lambda: Channel("a", "velocity", gain=np.inf), "Channel a: gain = inf; must be finite"),

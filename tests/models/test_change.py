@@ -62,7 +62,7 @@ def drawn_change(s: ModalStructure, d: StructureChange) -> np.ndarray:
 RIGS = {
     "bare": paper(Attachments(), damping=DAMPING),
     "7 modes": paper(Attachments(), 7, damping=DAMPING),
-    "ratios": paper(Attachments(), damping=Damping(1e-6, (0.01, 0.02, 0.03, 0.01, 0.01), 1e-7)),
+    "ratios": paper(Attachments(), damping=Damping(0.0, (0.01, 0.02, 0.03, 0.01, 0.01), 1e-7)),
     "heavy": paper(HEAVY, damping=DAMPING),
     "soft": paper(SOFT, 8, damping=DAMPING),
     "turns": paper(replace(HEAVY, clamp_stiffness=2e3), damping=Damping(0.6, None, 1e-7, high_mode_from=3)),
@@ -89,6 +89,9 @@ def test_every_derivative_is_that_of_the_receptance(rig, omega):
     for key, (value, _) in structure_scalars(rig).items():
         size = value or 1e-6
         exact = size * seen_change(rig, key, omega)
+        if key == "damping.mass_proportional" and rig.damping.modal_ratios is not None:
+            assert not exact.any()  # ratios are in its place: with another value there would be no rig
+            continue
         errors = []
         for step in (4e-4, 1e-4):
             up, down = (seen(changed(rig, key, value + moved * size), omega) for moved in (step, -step))

@@ -216,6 +216,9 @@ def test_single_precision_is_named_where_it_may_have_made_a_stiffness_indefinite
         fine(stiffness=sparse.csc_array(K.astype(np.float32))).ported(["3.x"], RATIO)
     with pytest.raises(ValueError, match=f"{said}$"):
         fine(stiffness=sparse.csc_array(K)).ported(["3.x"], RATIO)
+    K[0, 0] *= 0.9  # more than rounding does
+    with pytest.raises(ValueError, match=f"{said}$"):
+        fine(stiffness=sparse.csc_array(K.astype(np.float32))).ported(["3.x"], RATIO)
     with pytest.raises(ValueError, match=f"{said}$"):  # few digits are no rounding
         fine(stiffness=sparse.csc_array(np.diag([-1.0, *[2.0] * 6]))).ported(["3.x"], RATIO)
 

@@ -16,7 +16,10 @@ from hbm.measurement.spectrafile import load_spectra
 from hbm.rigfiles.load import load_rig
 from models import Jenkins
 from models.bodies.matrix import MatrixBody
-from models.parts import Damping
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Joint
+from models.parts import Damping, Excitation
 from models.plausible import RANGES, PlausibilityWarning, doubt, impossible
 from models.published import paper_rig
 
@@ -141,6 +144,23 @@ def test_rigs_made_in_python_are_held_against_the_same_table(monkeypatch: pytest
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         replace(places, name="said once")
+
+
+def test_modes_that_nothing_damps_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    joint = Joint("cable", CubicSpring(1e9), at=("a",))
+
+    def warned_of(damping: Damping) -> list[str]:
+        monkeypatch.setattr("models.plausible._said", set())
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            JointedRig("one", ModalModel((10.0,), {"a": (1.0,)}), damping, (joint,), Excitation(1.0, at="a"))
+        return [str(w.message) for w in caught]
+
+    (said,) = warned_of(Damping())
+    assert said.startswith("damping is 0 in the lowest modes, only joints damp them; usual are modal_ratios")
+    given = (Damping(0.1), Damping(modal_ratios=(0.0,)), Damping(stiffness_proportional=1e-5))
+    for damping in (*given, Damping(high_mode_from=1)):
+        assert not warned_of(damping)
 
 
 @pytest.mark.parametrize(
