@@ -86,9 +86,9 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     misfit, wide = found.misfit, widening(found.misfit)
     left_out, signals = _left_out(rig, spectra, found.f, found.f_std), {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
-        f, f_std, u, u_std = (part[..., j] for part in (found.f, found.f_std, found.u, found.u_std))
-        signals[name] = _signal(units[1], f, f_std * wide[:, None], left_out.forces[:, j])
-        signals[motion] = _signal(units[0], u, u_std * wide[:, None], left_out.motions[:, j])
+        f_std, u_std = (std[..., j] * wide[:, None] for std in (found.f_std, found.u_std))
+        signals[name] = _signal(units[1], found.f[..., j], f_std, left_out.forces[:, j])
+        signals[motion] = _signal(units[0], found.u[..., j], u_std, left_out.motions[:, j])
     spread = np.hypot(np.sqrt(found.variance) * wide[:, None], left_out.energies)
     energies = {j.name: Estimates(found.energy[:, i], spread[:, i], "J") for i, j in enumerate(rig.joints)}
     return JointReconstruction(

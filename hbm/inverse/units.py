@@ -14,6 +14,7 @@ from scipy.constants import g
 from hbm.inverse.faults import Fault, explanations, times
 from hbm.inverse.readings import Readings
 from hbm.measurement.spectra import MeasuredSpectra
+from models.jointed import AnyRig
 from models.rig import Rig
 
 SURE = 20.0
@@ -36,7 +37,7 @@ class Unit(NamedTuple):
     said: str
     factor: float
 
-    def converted(self, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
+    def converted(self, rig: AnyRig, spectra: MeasuredSpectra) -> MeasuredSpectra:
         """Spectra in the units that they must be in, if these are the ones they are in."""
         for c in rig.channels:
             if c.name in spectra.channels and c.quantity in self.quantities:

@@ -26,6 +26,7 @@ from hbm.response.bifurcation import Bifurcation
 from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import kinks
 from hbm.response.trace import solve_near
+from hbm.sensitivity.scalars import HZ
 from hbm.stability.along import bounds, crossings, growth, hiding, sides
 from hbm.stability.jointed import by_monodromy
 from hbm.stability.multipliers import ROUNDING, Stability
@@ -162,8 +163,8 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         there = curve.points[behind], stability[behind]
         if special.located:
             there = curve.solution_at(special.x, special.lam), judged(special)
-        number, span = curve.number_at(special.lam), spans.get(special.arclength)
-        bifurcations.append(Bifurcation(*there, special, behind, number, span))
+        number = curve.number_at(special.lam)
+        bifurcations.append(Bifurcation(*there, special, behind, number, spans.get(special.arclength)))
     return replace(curve, stability=stability, doubtful=doubtful[kept], bifurcations=tuple(bifurcations))
 
 
@@ -205,7 +206,7 @@ class _Followed:
     @property
     def along_frequency(self) -> bool:
         """Whether the frequency is what varies."""
-        return len({p.hz for p in self.curve.points}) > 1
+        return self.curve.parameter == HZ
 
     @property
     def count(self) -> npt.NDArray[np.intp]:

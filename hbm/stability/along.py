@@ -190,7 +190,7 @@ def crossings(
 def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j: int) -> bool:
     """Whether a crossing between two points known for certain is within NARROW."""
     low, high = bounds(found, values, rank, i, j)
-    return high - low <= NARROW * abs(values[i])
+    return bool(high - low <= NARROW * abs(values[i]))
 
 
 def bounds(found: Sequence[Stability], values: Array, rank: int, i: int, j: int) -> tuple[float, float]:
