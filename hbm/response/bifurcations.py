@@ -147,7 +147,8 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         across, unknown = _certain(followed, unsettled, rank, judge) if sought else _plain(followed, rank)
         for special, span in _crossings(followed, rank, across, judged, sought=sought):
             found.append(special)
-            spans |= {} if followed.along_frequency else {special.arclength: span}
+            if sought and not followed.along_frequency:
+                spans[special.arclength] = span
         doubtful |= unknown if rank == 0 else False
     found = sorted(found, key=lambda s: s.arclength)
     for start, end in kinks(found, lambda s: (s.x, curve.value_at(s.lam)), lambda s: s.kind is Kind.FOLD):
