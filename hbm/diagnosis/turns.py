@@ -9,7 +9,8 @@ from hbm.outputerror.evaluation import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.causes.parameter import FREQUENCIES, STIFFNESSES
-from models.causes.sensors import OfChannel
+from models.causes.sensors import OfChannel, SensorGain
+from models.jointed import AnyRig
 
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
@@ -38,7 +39,8 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     are compared with each other, after the stiffness of the whole body and its drift, which the smallest spring beside
     it, or a friction, stands in for, and every number of the joints of the rig file, which many other joints do. Nor
     does that test foresee what a sensor reads that sits far from its place: of a channel that it favours every number
-    runs. A joint of one's own was not scanned, and runs too.
+    runs. A joint of one's own was not scanned, and runs too. What the force channel of a beam reads is asked only where
+    it contradicts the responses: it runs before all others, for a first small effect says nothing of a wrong polarity.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
@@ -49,6 +51,9 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
         drifts = [s for s in screening.scores if s.cause.label in DRIFTS and s.drop > shown]
         ahead = [*drifts, *(s for s in screening.scores if of_the_rig(s.cause))]
         first = [*ahead, *(s for s in first if s not in ahead)]
+    if not scanned(base):
+        doubted = [s for s in screening.scores if _is_of_force(s.cause, base.model.nominal)]
+        first = [*doubted, *(s for s in first if s not in doubted)]
     others = [s for s in screening.scores if s not in first]
     if small(base) or base.model.causes:
         tried = []
@@ -58,6 +63,10 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
         forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not unseen(s))]
     return [*first, *tried, *(s for s in others if unseen(s))]
+
+
+def _is_of_force(cause: Cause, rig: AnyRig) -> bool:
+    return isinstance(cause, SensorGain) and cause.of_force(rig)
 
 
 def _own_joints(scores: Sequence[Score], base: Evaluation) -> list[Score]:

@@ -4,9 +4,11 @@ The records of modes are those of an independent simulator; the structure differ
 that is identified of it.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,16 +16,22 @@ import pytest
 import tests.truth.modal as truth
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.fullfits import measurable
+from hbm.diagnosis.screen import Screening
+from hbm.diagnosis.signatures import Score
+from hbm.diagnosis.turns import in_order
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.extendedrig import write_extended_rig
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import Simulated
 from hbm.response.synthesis import synthesize
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import load_rig
 from models.causes import all_candidates
 from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
 from models.causes.records import ParameterDrift
 from models.causes.sensors import SensorGain
 from models.jointed import JointedRig
@@ -171,6 +179,22 @@ def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() 
     gain = SensorGain("force")
     for spectra, asked in ((of_beam(), False), (times(of_beam(), 1.3, "force"), True)):
         assert measurable(gain, BEAM, campaign_of(BEAM, spectra)[0]) is asked
+
+
+def test_a_force_that_is_asked_of_a_beam_runs_first() -> None:
+    """A wrong polarity promises nothing by its first small effect: the responses are not a little smaller."""
+
+    @dataclass
+    class Loud:
+        chi2 = 1e9
+
+        def __len__(self) -> int:
+            return 10
+
+    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(BEAM, {})))
+    drops = {WrongParameter("beam.youngs_modulus"): 1e9, SensorGain("force"): 0.0}
+    scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
+    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), base)] == [*drops][::-1]
 
 
 @pytest.mark.parametrize("gain", [1.3, -1.0])
