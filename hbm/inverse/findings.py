@@ -36,6 +36,14 @@ def unit_sentence(said: str, force: str, before: float, after: float) -> str:
     )
 
 
+def sign_sentence(force: str, before: Readings, after: Readings) -> str:
+    """Sentence about a force of the opposite sign, where something else is wrong too."""
+    return (
+        f"{force}: has it the opposite sign? With it turned over the misfit of the sensors falls "
+        f"{before.everyone.reduced:.3g} -> {after.everyone.reduced:.3g} per degree of freedom"
+    )
+
+
 def _said(fault: Fault, rig: Rig) -> str:
     name, value, std = fault.channel, fault.value, fault.std
     if fault.cause == "sensor-dead" or (fault.cause == "sensor-gain" and abs(value) < DEAD):

@@ -10,14 +10,12 @@ import numpy as np
 
 from hbm.inverse.findings import unit_sentence
 from hbm.inverse.reconstruction import Misfit
-from hbm.inverse.units import FALL, SURE, UNITS, Unit
+from hbm.inverse.units import FALL, OPPOSITE, SURE, UNITS
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
 
 APART = 10.0
 """Without any other channel so many times as much must be left as without the one at fault."""
-
-OPPOSITE = Unit(("force",), "the force has the opposite sign", -1.0)
 
 Read = Callable[[JointedRig, MeasuredSpectra], Misfit]
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from hbm.inverse.contactforce import likeliest, nonlinear_forces
 from hbm.inverse.faults import Fault, explanations, with_std
-from hbm.inverse.findings import DEAD, assumed, disagreement, sentence, unit_sentence
+from hbm.inverse.findings import DEAD, assumed, disagreement, sentence, sign_sentence, unit_sentence
 from hbm.inverse.readings import Coupling, Others, Readings, by_noise, even, readings
 from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
-from hbm.inverse.units import mistaken
+from hbm.inverse.units import OPPOSITE, mistaken
 from hbm.measurement.spectra import MeasuredSpectra
 from models.beam import Beam
 from models.rig import Rig
@@ -36,6 +36,10 @@ APART = 10.0
 
 ONLY = 0.2
 """A channel that scatters is blamed where leaving out any other leaves at least this share of the misfit."""
+
+TURNED = 3.0
+"""Factor by which what contradicts falls where the sign of the force is turned over: of two signs one is as likely
+beforehand as a cable is exchanged."""
 
 ROUNDS = 12
 CLOSE = 0.1
@@ -66,6 +70,8 @@ class SensorCheck:
         Misfit per degree of freedom of all channels, and of those left; nan without degrees of freedom.
     unit : str
         The finding about a unit that is not the one that numbers must be in; empty where there is none.
+    opposite : bool
+        Whether the force contradicts the structure less with its sign turned over, whatever else is wrong.
     """
 
     faults: tuple[Fault, ...]
@@ -74,12 +80,18 @@ class SensorCheck:
     before: float
     after: float
     unit: str = ""
+    opposite: bool = False
 
     def __repr__(self) -> str:
         return "\n".join(self.findings) or f"the sensors agree: misfit {self.after:.2f} per degree of freedom"
 
     def with_force(self, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
-        """What was checked without the channels at fault, but for a force that reads a multiple: divided by that."""
+        """What was checked without the channels at fault, but for a force that reads a multiple: divided by that.
+
+        A force that seems to have the opposite sign is turned over.
+        """
+        if self.opposite:
+            spectra = _opposite(rig, spectra)
         for fault in self.faults:
             multiple = is_force(rig, fault.channel) and fault.cause == "sensor-gain" and abs(fault.value) > DEAD
             spectra = fault.corrected(rig, spectra)[1] if multiple else _mended(fault, rig, spectra)
@@ -105,8 +117,11 @@ def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
             lines.append(sentence(fault, rig, before, base))
         faults += fresh
     unit = unit or _unit(rig, usable, base, ())
+    turned = None if unit else _turned_over(rig, usable, base)
     lines += [*([unit] if unit else disagreement(base, bool(faults))), *assumed(rig, spectra)]
-    return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced, unit)
+    lines += [] if turned is None else [sign_sentence(base.channels[-1], base, turned)]
+    misfits = first.everyone.reduced, base.everyone.reduced
+    return SensorCheck(tuple(faults), tuple(lines), usable, *misfits, unit, opposite=turned is not None)
 
 
 def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[Fault]) -> str:
@@ -119,6 +134,18 @@ def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[F
         return ""
     unit, converted = found
     return unit_sentence(unit.said, force, base.everyone.reduced, converted.everyone.reduced)
+
+
+def _turned_over(rig: Rig, spectra: MeasuredSpectra, base: Readings) -> Readings | None:
+    """Readings with the sign of the force turned over, where these contradict the structure far less."""
+    if not is_force(rig, base.channels[-1]) or base.channels[-1] not in spectra.channels or base.everyone.agree:
+        return None
+    other = _readings(rig, _opposite(rig, spectra))
+    return other if TURNED * max(other.everyone.excess, 0.0) < base.everyone.excess else None
+
+
+def _opposite(rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
+    return OPPOSITE.converted(rig, spectra)
 
 
 def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:

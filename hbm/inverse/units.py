@@ -54,6 +54,9 @@ UNITS = (
     Unit(("force",), "the force is an rms value instead of an amplitude", 2.0**0.5),
 )
 
+OPPOSITE = Unit(("force",), "the force has the opposite sign", -1.0)
+"""No unit, but mistaken alike."""
+
 
 def mistaken(
     rig: Rig, spectra: MeasuredSpectra, base: Readings, read: Callable[[MeasuredSpectra], Readings]

@@ -51,7 +51,7 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
         return rig, _of_joints(rig, readings(rig, spectra)), ()
     seen, check = reconstruct_likeliest(rig, spectra)
     data = measurement_of(seen, sensing(seen.rig, spectra))
-    blamed = any(is_force(rig, fault.channel) for fault in check.faults)
+    blamed = check.opposite or any(is_force(rig, fault.channel) for fault in check.faults)
     doubted = "unit" if seen.unit else "force" if blamed else ""
     return seen.rig, replace(data, doubted=doubted), seen.warnings
 

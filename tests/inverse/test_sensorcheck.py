@@ -195,3 +195,17 @@ def test_too_few_sensors_to_tell_who_is_wrong(noisy: MeasuredSpectra) -> None:
     assert alone.findings == (
         "1 response channel and a measured force: nothing is left to check the sensors and the structure by",
     )
+
+
+@pytest.mark.parametrize(("off", "sign"), [(1.0, 1.0), (1.02, 1.0), (1.02, -1.0)])
+def test_a_force_of_the_opposite_sign_is_told_though_the_structure_is_wrong_too(
+    off: float, sign: float, noisy: MeasuredSpectra
+) -> None:
+    """No channel is blamed beside a Young's modulus that is 2 % off; but one sign contradicts it far less."""
+    rig = RIG.with_number("beam.youngs_modulus", off * RIG.number("beam.youngs_modulus"))
+    check = check_sensors(rig, times(noisy, "force", sign))
+    assert not check.faults
+    assert check.opposite is (sign < 0.0)
+    assert any(line.startswith("force: has it the opposite sign? ") for line in check.findings) is check.opposite
+    turned = check.with_force(rig, times(noisy, "force", sign))
+    np.testing.assert_allclose(turned.complex("force"), noisy.complex("force"))
