@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.inverse.findings import unit_sentence
 from hbm.inverse.reconstruction import Misfit
-from hbm.inverse.units import FALL, OPPOSITE, SURE, UNITS
+from hbm.inverse.units import FALL, OPPOSITE, SURE, UNITS, off_level
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
 
@@ -46,7 +46,7 @@ def _unit(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read)
     left = [(unit, converted, read(rig, converted)) for unit, converted in tried]
     chance = SURE + 2.0 * np.log(len(left))
     holding = [
-        (_off_level(converted, force), misfit.chi2.sum(), unit, misfit)
+        (off_level(converted, force), misfit.chi2.sum(), unit, misfit)
         for unit, converted, misfit in left
         if FALL * _excess(misfit) < _excess(before) and before.chi2.sum() - misfit.chi2.sum() > chance
     ]
@@ -84,10 +84,3 @@ def _excess(misfit: Misfit) -> float:
     expected = float(misfit.expected.sum())
     scatter = np.sqrt(2.0 / expected) if expected > 0.0 else np.nan
     return max(_reduced(misfit) - 1.0, float(scatter))
-
-
-def _off_level(spectra: MeasuredSpectra, force: str) -> float:
-    """How far the force is from its nominal level, in decades to one digit: tells its unit from that of responses."""
-    fundamental = np.abs(spectra.complex(force)[:, 1])
-    share = np.nanmedian(fundamental / spectra.level)
-    return round(abs(float(np.log10(max(share, 1e-9)))), 1)

@@ -80,7 +80,8 @@ def mistaken(
     tried = [(unit, read(unit.converted(rig, spectra))) for unit in possible]
     chance = SURE + 2.0 * np.log(len(possible))
     holding = [(unit, other) for unit, other in tried if _explains(other, base, chance)]
-    return min(holding, key=lambda pair: (_off_level(pair[1]), pair[1].everyone.chi2), default=None)
+    force = base.channels[-1]
+    return min(holding, key=lambda pair: (off_level(pair[1].seen.spectra, force), pair[1].everyone.chi2), default=None)
 
 
 def _off(readings: Readings) -> bool:
@@ -98,10 +99,9 @@ def _explains(other: Readings, base: Readings, chance: float) -> bool:
     return explained and before.chi2 - after.chi2 > chance and _one_to_one(other)
 
 
-def _off_level(readings: Readings) -> float:
+def off_level(spectra: MeasuredSpectra, force: str) -> float:
     """How far the force is from its nominal level, in decades to one digit: tells its unit from that of responses."""
-    seen = readings.seen
-    share = np.median(np.abs(seen.force[:, 1]) / seen.spectra.level)
+    share = np.nanmedian(np.abs(spectra.complex(force)[:, 1]) / spectra.level)
     return round(abs(float(np.log10(max(share, 1e-9)))), 1)
 
 
