@@ -3,7 +3,6 @@
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import islice
 
 from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.calibrate import blamed, calibrate, off, off_beside_sensors, profiled
@@ -267,10 +266,17 @@ class Search(Standing):
         return Decision(base, best, (best, *others_of(best, ranked)))
 
     def _less_moved(self, fits: Sequence[Evaluation]) -> list[Evaluation]:
-        """The best cause and pair, if small errors move exact numbers out of tolerances, fitted so that they stay."""
+        """The best cause and pair, if small errors move exact numbers out of tolerances, fitted so that they stay.
+
+        Numbers at their bounds may leave more than these errors: how much is asked where they stay.
+        """
         of_size = ([e for e in best_of(fits) if len(e.model.causes) == size] for size in (1, 2))
-        best = [e for ranked in of_size for e in ranked[:1] if not self.tolerable(e) and self._nearly(e)]
-        return [w for e in best for w in islice(filter(self._enough, less_moved(e, self.nominal, self.campaign)), 1)]
+        best = [e for ranked in of_size for e in ranked[:1] if not self.tolerable(e) and self._takes(e)]
+        again = ([*filter(self._stays, less_moved(e, self.nominal, self.campaign))] for e in best)
+        return [min(stay, key=lambda w: w.chi2) for stay in again if stay]
+
+    def _stays(self, e: Evaluation) -> bool:
+        return self.tolerable(e) and self._takes(e)
 
     def _fitted_beside(self, best: Evaluation, models: Sequence[Evaluation]) -> Evaluation:
         """The model that was chosen to first order, fitted beside the background from where it stood without."""

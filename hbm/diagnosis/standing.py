@@ -158,10 +158,12 @@ class Standing:
 
     def _nearly(self, e: Evaluation) -> bool:
         """Whether a model leaves noise, or so little of what the rig file does that it may be a background."""
-        if self._fits(e):
-            return True
+        return self._fits(e) or (self._takes(e) and beyond_noise(e.white) <= LARGEST)
+
+    def _takes(self, e: Evaluation) -> bool:
+        """Whether a model takes most of what the rig file leaves, calibrated or not as the model is."""
         before = self.calibrated if e.model.calibrated else self.nominal
-        return explained(before.white, e.white) >= NEARLY and beyond_noise(e.white) <= LARGEST
+        return explained(before.white, e.white) >= NEARLY
 
     def tolerable(self, e: Evaluation) -> bool:
         """As :func:`hbm.diagnosis.calibrate.tolerable`, by the tolerances of this search."""

@@ -39,8 +39,8 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     are compared with each other, after the stiffness of the whole body and its drift, which the smallest spring beside
     it, or a friction, stands in for, and every number of the joints of the rig file, which many other joints do. Nor
     does that test foresee what a sensor reads that sits far from its place: of a channel that it favours every number
-    runs. A joint of one's own was not scanned, and runs too. What the force channel of a beam reads is asked only where
-    it contradicts the responses: it runs before all others, for a first small effect says nothing of a wrong polarity.
+    runs. A joint of one's own was not scanned, and runs too. What the force channel reads runs before all others, for a
+    first small effect says nothing of a wrong polarity; of a beam it is asked only where it contradicts the responses.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
@@ -51,9 +51,9 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
         drifts = [s for s in screening.scores if s.cause.label in DRIFTS and s.drop > shown]
         ahead = [*drifts, *(s for s in screening.scores if of_the_rig(s.cause))]
         first = [*ahead, *(s for s in first if s not in ahead)]
-    if not scanned(base):
-        doubted = [s for s in screening.scores if _is_of_force(s.cause, base.model.nominal)]
-        first = [*doubted, *(s for s in first if s not in doubted)]
+    if not (small(base) or base.model.causes):
+        of_force = [s for s in screening.scores if _is_of_force(s.cause, base.model.nominal)]
+        first = [*of_force, *(s for s in first if s not in of_force)]
     others = [s for s in screening.scores if s not in first]
     if small(base) or base.model.causes:
         tried = []
