@@ -31,12 +31,12 @@ from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import load_rig
 from models.causes import all_candidates
 from models.causes.cause import Cause
-from models.causes.parameter import WrongParameter
 from models.causes.records import ParameterDrift
 from models.causes.sensors import SensorGain
 from models.jointed import JointedRig
 from models.parts import Excitation
 from models.published import paper_rig
+from models.rig import Rig
 from tests.three_modes import HZ as ONCE
 from tests.three_modes import NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
 
@@ -181,7 +181,8 @@ def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() 
         assert measurable(gain, BEAM, campaign_of(BEAM, spectra)[0]) is asked
 
 
-def test_a_force_that_is_asked_of_a_beam_runs_first() -> None:
+@pytest.mark.parametrize("rig", [BEAM, rig_of()], ids=["contact", "joints"])
+def test_what_the_force_reads_runs_first_where_it_is_asked(rig: Rig | JointedRig) -> None:
     """A wrong polarity promises nothing by its first small effect: the responses are not a little smaller."""
 
     @dataclass
@@ -191,8 +192,8 @@ def test_a_force_that_is_asked_of_a_beam_runs_first() -> None:
         def __len__(self) -> int:
             return 10
 
-    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(BEAM, {})))
-    drops = {WrongParameter("beam.youngs_modulus"): 1e9, SensorGain("force"): 0.0}
+    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(rig, {})))
+    drops = {SensorGain(rig.response_channels[0].name): 1e9, SensorGain("force"): 0.0}
     scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
     assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), base)] == [*drops][::-1]
 
