@@ -106,15 +106,15 @@ def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[Helped | No
         yield None
         return
     executor = Helped(cores() - 1, prepare)
-    try:
-        yield executor
-    except BaseException:
-        with _unconcerned():
+    with unconcerned():
+        try:
+            yield executor
+        except BaseException:
             kill_workers()
             _hear_no_more(executor)
             executor.shutdown(cancel_futures=True)
-        raise
-    executor.shutdown()
+            raise
+        executor.shutdown()
 
 
 def _hear_no_more(executor: ProcessPoolExecutor) -> None:
@@ -126,8 +126,11 @@ def _hear_no_more(executor: ProcessPoolExecutor) -> None:
 
 
 @contextmanager
-def _unconcerned() -> Iterator[None]:
-    """Say nothing of a thread that fails a task which was cancelled: that of an executor whose processes are killed."""
+def unconcerned() -> Iterator[None]:
+    """Say nothing of a thread that fails a task which was cancelled: that of an executor whose processes are killed.
+
+    They are killed here, or by a system that is short of memory while what no process has taken is cancelled.
+    """
     before = threading.excepthook
 
     def hook(failed: threading.ExceptHookArgs) -> None:

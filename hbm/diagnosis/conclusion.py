@@ -42,8 +42,8 @@ BETTER = 0.5
 """Another cause foretells records held out much better where it leaves less than this share of the error."""
 
 SAYS_NOTHING = 0.3
-"""Records that a model misses by this share of the response agree with nothing, whatever their noise, unless it takes
-nearly all of what was missed before."""
+"""Records that a model misses by this share of the response, or of what was missed before if that was more, agree with
+nothing, whatever their noise; unless it takes next to all of the misfit fitted, and nearly all of that held out."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
@@ -279,7 +279,7 @@ class Conclusion:
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
-        agrees = left <= SAYS_NOTHING or least >= NEARLY
+        agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
         if least < MAIN or before <= NOTABLE or not agrees or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)

@@ -250,6 +250,8 @@ def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
         (False, (0.9999, 0.9995), 0.0107, 1.6, "cause-found"),
         (False, (0.9999, 0.998), 0.0107, 1.6, "main-cause"),
         (False, (0.95, 0.97), 0.87, 1.93, "none"),
+        (False, (0.9994, 0.97), 0.47, 0.99, "main-cause"),
+        (False, (0.97, 0.97), 0.65, 1850.0, "main-cause"),
         (False, (0.8, 0.6), 0.004, 0.01, "main-cause"),
         (False, (0.8, 0.4), 0.004, 0.01, "none"),
         (False, (0.99, 0.99), 0.001, 0.004, "none"),

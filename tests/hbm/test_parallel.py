@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from hbm.parallel import Helped, all_cores, each
+from hbm.parallel import Helped, all_cores, each, unconcerned
 
 
 def where(item: int) -> tuple[int, int]:
@@ -66,7 +66,7 @@ def ends_elsewhere(item: int, process: int) -> int:
 
 
 def test_what_a_process_had_taken_that_was_killed_is_done_here() -> None:
-    with Helped(1) as executor:
+    with unconcerned(), Helped(1) as executor:
         started(executor)
         for _ in range(2):  # the second time there is none any more
             assert list(executor.map(ends_elsewhere, range(6), [os.getpid()] * 6)) == list(range(6))
