@@ -1,7 +1,7 @@
 """Numbers of a rig by the keys of its rig file, read and changed."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, Self
@@ -68,6 +68,10 @@ class Numbered(Displayed):
     def response_channels(self) -> tuple[Channel, ...]:
         """Channels that measure motion (all but force)."""
         return tuple(c for c in self.channels if c.quantity != "force")
+
+    def force_among(self, channels: Collection[str]) -> str | None:
+        """Channel of the force, where it is among some; None where it is not."""
+        return next((c.name for c in self.channels if c.quantity == "force" and c.name in channels), None)
 
     @property
     def of_measuring(self) -> Described:

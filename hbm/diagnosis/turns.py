@@ -46,16 +46,17 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     for s in screening.scores:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
-    if scanned(base) and not (small(base) or base.model.causes):
+    far = not (small(base) or base.model.causes)
+    if far and scanned(base):
         shown = SHOWN * best.get(False, 0.0)
         drifts = [s for s in screening.scores if s.cause.label in DRIFTS and s.drop > shown]
         ahead = [*drifts, *(s for s in screening.scores if of_the_rig(s.cause))]
         first = [*ahead, *(s for s in first if s not in ahead)]
-    if not (small(base) or base.model.causes):
+    if far:
         of_force = [s for s in screening.scores if _is_of_force(s.cause, base.model.nominal)]
         first = [*of_force, *(s for s in first if s not in of_force)]
     others = [s for s in screening.scores if s not in first]
-    if small(base) or base.model.causes:
+    if not far:
         tried = []
     elif scanned(base):
         tried = _own_joints(others, base)

@@ -250,7 +250,7 @@ class _Sensors:
 
 def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:
     """Complex coefficients of the excitation and the standard deviations of cosine and sine, (r, H+1) each."""
-    name = next((c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels), None)
+    name = rig.force_among(spectra.channels)
     if name is None:
         nominal = np.zeros((len(spectra), spectra.H + 1), dtype=complex)
         for k, cosine, sine in rig.excitation.tones:

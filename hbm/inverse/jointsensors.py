@@ -38,8 +38,8 @@ def joint_sensors(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, rea
 
 def _unit(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read) -> str:
     """The finding about a unit in which the sensors would agree; empty where there is none."""
-    force = next((c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels), None)
-    if force is None or not _excess(before) > 0.0:
+    force = rig.force_among(spectra.channels)
+    if force is None:
         return ""
     measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
     tried = [(unit, unit.converted(rig, spectra)) for unit in (*UNITS, OPPOSITE) if measured & set(unit.quantities)]
@@ -59,7 +59,7 @@ def _unit(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read)
 def _fault(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read) -> str:
     """The finding about one channel that contradicts all others; empty where there is none, or none can be told."""
     spare = before.channels[:-1] if len(before.channels) - 2 > rig.ports else ()  # without one some must be left over
-    without = {name: read(rig, spectra.without(name)) for name in spare if _excess(before) > 0.0}
+    without = {name: read(rig, spectra.without(name)) for name in spare}
     left = sorted(without, key=lambda name: _excess(without[name]))
     if len(left) < 2:
         return ""

@@ -91,9 +91,10 @@ class SensorCheck:
         A force that seems to have the opposite sign is turned over.
         """
         if self.opposite:
-            spectra = _opposite(rig, spectra)
+            spectra = OPPOSITE.converted(rig, spectra)
         for fault in self.faults:
-            multiple = is_force(rig, fault.channel) and fault.cause == "sensor-gain" and abs(fault.value) > DEAD
+            of_force = rig.force_among((fault.channel,)) is not None
+            multiple = of_force and fault.cause == "sensor-gain" and abs(fault.value) > DEAD
             spectra = fault.corrected(rig, spectra)[1] if multiple else _mended(fault, rig, spectra)
         return spectra
 
@@ -138,14 +139,10 @@ def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[F
 
 def _turned_over(rig: Rig, spectra: MeasuredSpectra, base: Readings) -> Readings | None:
     """Readings with the sign of the force turned over, where these contradict the structure far less."""
-    if not is_force(rig, base.channels[-1]) or base.channels[-1] not in spectra.channels or base.everyone.agree:
+    if rig.force_among(spectra.channels) is None or base.everyone.agree:
         return None
-    other = _readings(rig, _opposite(rig, spectra))
+    other = _readings(rig, OPPOSITE.converted(rig, spectra))
     return other if TURNED * max(other.everyone.excess, 0.0) < base.everyone.excess else None
-
-
-def _opposite(rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
-    return OPPOSITE.converted(rig, spectra)
 
 
 def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
@@ -163,7 +160,7 @@ def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
         coupling = fresh
         if change < CLOSE:
             break
-    measured = any(c.quantity == "force" and c.name in spectra.channels for c in rig.channels)
+    measured = rig.force_among(spectra.channels) is not None
     return readings(seen if measured else _unsure(seen, coupling), coupling, seen)
 
 
@@ -190,11 +187,6 @@ def _unsure(seen: Sensing, coupling: Coupling) -> Sensing:
     share = np.linalg.norm(found.factor[:, 1, 0], axis=1) / np.maximum(np.abs(found.friction[:, 1]), 1e-9)
     seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling.forces))
     return replace(seen, weight=seen.weight / np.hypot(1.0, seen_of_it))
-
-
-def is_force(rig: Rig, channel: str) -> bool:
-    """Whether a channel is that of the force."""
-    return any(c.name == channel and c.quantity == "force" for c in rig.channels)
 
 
 def _mended(fault: Fault, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:

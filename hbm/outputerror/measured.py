@@ -10,7 +10,6 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.reconstruct import reconstruct_likeliest
 from hbm.inverse.sensing import Complex, Readings, readings, sensing
-from hbm.inverse.sensorcheck import is_force
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.numerics import Numerics, choose
@@ -51,7 +50,7 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
         return rig, _of_joints(rig, readings(rig, spectra)), ()
     seen, check = reconstruct_likeliest(rig, spectra)
     data = measurement_of(seen, sensing(seen.rig, spectra))
-    blamed = check.opposite or any(is_force(rig, fault.channel) for fault in check.faults)
+    blamed = check.opposite or rig.force_among({fault.channel for fault in check.faults}) is not None
     doubted = "unit" if seen.unit else "force" if blamed else ""
     return seen.rig, replace(data, doubted=doubted), seen.warnings
 

@@ -198,7 +198,7 @@ def in_units(message: str, parameter: str, value: Callable[[float], float], unit
     """A line of :mod:`continuation` with values of its parameter as a user knows them."""
 
     def told(found: re.Match[str]) -> str:
-        return f"at {value(float(found[1])):.6g} {unit}".rstrip()
+        return f"at {value(float(found[1])):.6g}" + ("" if unit in ("", "1") else f" {unit}")
 
     inside = message.replace(f"reached {parameter}_end", "reached its end").replace(f" of {parameter} ", " ")
     return re.sub(rf"\bat {parameter} = ([-+.\deE]+)", told, inside)

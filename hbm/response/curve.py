@@ -127,6 +127,11 @@ class ResponseCurve(Displayed):
         return "Hz" if self.parameter == HZ else "N"
 
     @property
+    def suffix(self) -> str:
+        """The unit as it stands behind a number, with a blank; empty where it has none."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
+    @property
     def held(self) -> list[str]:
         """Frequency and force with their units, but for that which the curve is traced along."""
         said = {HZ: f"{self.points[0].hz:g} Hz", FORCE: f"{self.level:g} N"}
@@ -206,8 +211,7 @@ class ResponseCurve(Displayed):
         furthest = float(self.values.min() if end > begin else self.values.max())
         if furthest == begin or self.branch.closed:
             return ""
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"the curve folds back past its start at {begin:.6g}{unit}, to {furthest:.6g}{unit}"
+        return f"the curve folds back past its start at {begin:.6g}{self.suffix}, to {furthest:.6g}{self.suffix}"
 
     @cached_property
     def stable(self) -> npt.NDArray[np.bool_] | None:

@@ -192,7 +192,7 @@ class FoldPath:
     @property
     def messages(self) -> tuple[str, ...]:
         """Why each part ended."""
-        unit = self.key.accepted.unit.removeprefix("1")
+        unit = self.key.accepted.unit
         return tuple(in_units(part.message, "mu", self.plane.along.value_at, unit) for part in self.parts)
 
     def at(self, value: float) -> tuple[PeriodicSolution, ...]:

@@ -85,15 +85,13 @@ class ParameterCurve(ResponseCurve):
         """The number and its value, unless it is the frequency or the force, which every solution tells."""
         if self.parameter in (HZ, FORCE):
             return ""
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.parameter} = {self.value_at(lam):.6g}{unit}"
+        return f"{self.parameter} = {self.value_at(lam):.6g}{self.suffix}"
 
     def __repr__(self) -> str:
         """Say what was found."""
         top, values = self.peak, self.values
-        unit = "" if self.unit == "1" else f" {self.unit}"
         text = (
-            f"{len(self.points)} points, {self.parameter} from {values[0]:.5g} to {values[-1]:.5g}{unit}, "
+            f"{len(self.points)} points, {self.parameter} from {values[0]:.5g} to {values[-1]:.5g}{self.suffix}, "
             f"H = {self.basis.H}, {self.basis.N_t} samples, {self.problem.structure.n} modes; peak "
             f"{top.channels['drive'].peak * 1e3:.4g} mm at {values[self.points.index(top)]:.5g}; "
             f"{len(self.folds)} folds, {len(self.corners)} corners; numerical error {self.error:.2%}"

@@ -78,7 +78,7 @@ class SensorGain(OfChannel):
 
     def of_force(self, rig: AnyRig) -> bool:
         """Whether its channel is that of the force."""
-        return any(c.name == self.channel and c.quantity == "force" for c in rig.channels)
+        return rig.force_among((self.channel,)) is not None
 
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""

@@ -32,7 +32,7 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
-from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
@@ -48,6 +48,7 @@ from models.friction import Jenkins
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.joints.law import numbers
+from tests.far_off import far_off
 from tests.three_modes import HZ, NOISE, NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
 from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, slack, steady
 
@@ -518,18 +519,10 @@ def test_numbers_of_joints_that_the_rig_file_has_run_before_those_that_it_may_la
     """
     rig = LocalFriction("b").extend(rig_of(NOMINAL), {"limit": LIMIT, "critical_slip": LIMIT / STIFFNESS})
 
-    @dataclass
-    class Loud:
-        chi2 = 1e9
-
-        def __len__(self) -> int:
-            return 10
-
-    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(rig, {})))
     own, frequency = WrongParameter("joints.local-friction.mu"), WrongParameter("modal.frequencies_hz[1]")
     drops = {CubicStiffness("c"): 1e9, frequency: 1e6, own: 1.0}
     scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
-    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), base)] == [
+    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), far_off(rig))] == [
         own,
         CubicStiffness("c"),
         frequency,

@@ -4,11 +4,9 @@ The records of modes are those of an independent simulator; the structure differ
 that is identified of it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -22,9 +20,7 @@ from hbm.diagnosis.turns import in_order
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.extendedrig import write_extended_rig
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.measured import campaign_of
-from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import Simulated
 from hbm.response.synthesis import synthesize
 from hbm.rigfiles.extensions import Extension
@@ -37,6 +33,7 @@ from models.jointed import JointedRig
 from models.parts import Excitation
 from models.published import paper_rig
 from models.rig import Rig
+from tests.far_off import far_off
 from tests.three_modes import HZ as ONCE
 from tests.three_modes import NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
 
@@ -185,17 +182,9 @@ def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() 
 def test_what_the_force_reads_runs_first_where_it_is_asked(rig: Rig | JointedRig) -> None:
     """A wrong polarity promises nothing by its first small effect: the responses are not a little smaller."""
 
-    @dataclass
-    class Loud:
-        chi2 = 1e9
-
-        def __len__(self) -> int:
-            return 10
-
-    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(rig, {})))
     drops = {SensorGain(rig.response_channels[0].name): 1e9, SensorGain("force"): 0.0}
     scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
-    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), base)] == [*drops][::-1]
+    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), far_off(rig))] == [*drops][::-1]
 
 
 @pytest.mark.parametrize("gain", [1.3, -1.0])

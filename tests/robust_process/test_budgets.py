@@ -17,7 +17,7 @@ from hbm.balance.problem import HarmonicBalance
 from hbm.fourier import FourierBasis
 from hbm.modes.backbone import nonlinear_mode
 from hbm.response import start, trace
-from hbm.response.budget import CRAWL, FOLDS, Along, Budget, Watch, continue_within
+from hbm.response.budget import CRAWL, FOLDS, Along, Budget, Watch, continue_within, in_units
 from hbm.response.trace import trace_frequency
 from hbm.tracking.parameterresponse import parameter_response
 
@@ -54,6 +54,12 @@ def test_the_budget_of_points_ends_a_curve_and_keeps_it() -> None:
 def test_where_a_curve_ended_is_told_as_the_user_knows_it() -> None:
     curve = trace_frequency(load_rig(PAPER), (45.0, 46.0), harmonics=1, samples=32)
     assert curve.branch.message == f"continuation: reached its end at 46 Hz (point {len(curve.branch.points)})"
+
+
+@pytest.mark.parametrize(("unit", "said"), [("N", " N"), ("1/s", " 1/s"), ("1", ""), ("", "")])
+def test_where_it_ended_has_the_unit_of_the_number(unit: str, said: str) -> None:
+    line = "fold curve: left the interval of mu at mu = 0.5 (point 3)"
+    assert in_units(line, "mu", lambda mu: 4.0 * mu, unit) == f"fold curve: left the interval at 2{said} (point 3)"
 
 
 def test_a_sweep_on_a_closed_curve_has_not_come_to_its_end() -> None:
