@@ -16,10 +16,11 @@ from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_back
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, pays_unseen, predicted
-from hbm.diagnosis.remainder import MOST, Remainder, beyond_noise, explained, remainder, tells
+from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.standing import NEARLY, NEXT_TO_ALL
+from hbm.diagnosis.untested import to_hold_out
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Verdict
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
@@ -140,7 +141,7 @@ class Conclusion:
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=(*self._evidence.lines(verdict, best), *(self._to_hold_out(best) if best else ())),
+            evidence=(*self._evidence.lines(verdict, best), *self._to_hold_out(best)),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
@@ -185,6 +186,7 @@ class Conclusion:
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
+        plain = self._agreeing(plain) if self.verdict == "consistent" else plain
         e = self._noise(best or plain)
         shares, untested = {} if best is None else dict(self._shares), best is not None and self._untested
         if untested:
@@ -228,23 +230,11 @@ class Conclusion:
             return False
         return not tells(unseen.evaluation.white, scored.evaluation.white)
 
-    def _to_hold_out(self, best: Evaluation) -> Iterator[str]:
-        """Which of the records fitted would test the cause: of those that show it, every second after the clearest.
-
-        The clearest one is left among those fitted: without any that shows a cause none is found.
-        """
-        if not self._untested:
-            return
-        before, after = self._before(best).white, self._noise(best).white
-        taken = {number: before.deviance(number) - after.deviance(number) for number in after.spreads}
-        clear = sorted((n for n in taken if taken[n] > DECISIVE), key=taken.__getitem__, reverse=True)
-        label = {r.number: r.name for r in self.campaign.data.records}
-        if len(clear) > 1:
-            chosen = " ".join(str(label[number]) for number in clear[1::2][:MOST])
-            yield f"Records that would test {name_of(best)}, held out: --hold-out {chosen}."
-        else:
-            alone = f": record {label[clear[0]]} alone" if clear else ""
-            yield f"Too few records show {name_of(best)} clearly{alone}; measure more of that kind, and hold out some."
+    def _to_hold_out(self, best: Evaluation | None) -> Iterator[str]:
+        """Which of the records fitted would test the cause that none held out tells of."""
+        if best is None or not self._untested:
+            return iter(())
+        return to_hold_out(name_of(best), self._before(best).white, self._noise(best).white, self.campaign)
 
     def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:
         scored = {"nominal": self.nominal, "calibrated": self.calibrated}
@@ -327,11 +317,8 @@ class Conclusion:
         return scored.misfit.fits and better
 
     def _without_cause(self, base: Evaluation) -> Verdict:
-        """Consistent where noise, or a background, is all that is left within tolerances, held out too.
-
-        A calibration that ends at its bounds says nothing: then it is the rig file as it is that is judged.
-        """
-        base = base if self.search.tolerable(base) else self.search.nominal
+        """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
+        base = self._agreeing(base)
         e, scored = self._noise(base), self._scored(base)
         if nrmse(e.white) > SAYS_NOTHING:
             return "unexplained"
@@ -340,6 +327,22 @@ class Conclusion:
         whites = [e.white, *([] if scored is None else [scored.evaluation.white])]
         small = all(beyond_noise(white) <= LARGEST for white in whites)
         return "consistent" if small else "unexplained"
+
+    def _agreeing(self, base: Evaluation) -> Evaluation:
+        """What is judged without a cause: the rig file as it is, where calibration ends at its bounds.
+
+        Or trades the response for its most precise harmonics: leaves more of it, of the records held out too.
+        """
+        nominal = self.search.nominal
+        if not self.search.tolerable(base):
+            return nominal
+        left, before = ([nrmse(self._noise(e).white), *self._unseen_nrmse(e)] for e in (base, nominal))
+        return nominal if all(a > b for a, b in zip(left, before, strict=True)) else base
+
+    def _unseen_nrmse(self, e: Evaluation) -> list[float]:
+        """Error of a model without a cause on the records held out, if there are any."""
+        scored = self._scored(e)
+        return [] if scored is None else [scored.errors.nrmse]
 
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.

@@ -22,7 +22,7 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
 from models.bodies import ModalModel
-from models.causes.joints import CubicStiffness
+from models.causes.joints import CubicStiffness, QuadraticDamping
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Dashpot, Joint
 from models.joints.law import JointLaw
@@ -193,3 +193,26 @@ def test_a_misfit_everywhere_is_nowhere_most_clearly() -> None:
         everywhere, cells=tuple(replace(c, probability=float(i == 0)) for i, c in enumerate(everywhere.cells))
     )
     assert somewhere.clearest.startswith(somewhere.cells[1].what)
+
+
+def test_calibration_that_trades_the_response_for_its_precise_harmonics_is_not_what_is_judged() -> None:
+    """A structure with a mode that the rig file lacks: small harmonics move by far more than their noise."""
+    stated = replace(RIG, joints=(Joint("between", CUBIC, ("m2",), ("m3",)),))
+    further = {port: (*row, shape) for (port, row), shape in zip(PORTS.items(), (0.12, -0.14, 0.16), strict=True)}
+    body = ModalModel((16.45, 39.66, 55.3, 170.0), further)
+    true = replace(stated, body=body, damping=Damping(modal_ratios=(0.012, 0.0075, 0.008, 0.008)))
+    rng, (level, hz) = np.random.default_rng(5), np.array(STATES).T
+    found = [steady_state(true, f, level=F, harmonics=15, samples=256) for F, f in STATES]
+    coefficients, std = {}, {}
+    for c in stated.channels:
+        rows = np.array([s[c.name].coefficients[np.r_[0 : H + 1, 16 : 16 + H]] for s in found])
+        size = np.abs(rows[:, 1 : H + 1] + 1j * rows[:, H + 1 :])
+        spread = 1e-3 * size + 1e-6 * size.max(axis=1, keepdims=True)
+        std[c.name] = np.hstack([np.full((len(rows), 1), np.nan), spread])
+        coefficients[c.name] = rows + np.hstack([std[c.name], spread]) * rng.standard_normal(rows.shape)
+    diagnosis = diagnose(stated, spectra_of(stated, hz, level, coefficients, std), causes=(QuadraticDamping,))
+    nominal, calibrated = diagnosis.errors["nominal"], diagnosis.errors["calibrated"]
+    assert nominal["train"].nrmse < 0.01 < calibrated["train"].nrmse
+    assert nominal["train"].chi2_reduced > calibrated["train"].chi2_reduced
+    assert diagnosis.verdict == "consistent"
+    assert diagnosis.remainder.size == pytest.approx(nominal["train"].nrmse, rel=1e-3)  # beyond noise

@@ -11,6 +11,7 @@ from hbm.diagnosis.confidence import RELIABLE
 from hbm.diagnosis.decide import DECISIVE, contenders, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import Search
+from hbm.diagnosis.untested import to_hold_out
 from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
 from models.causes.joints import CubicStiffness, QuinticStiffness
@@ -138,18 +139,11 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
 def test_records_that_would_test_a_cause_are_named_but_not_the_clearest(taken: dict[int, float], said: str):
     """Every second of those that show it: without any of them fitted nothing would be found."""
     before, after = (
-        SimpleNamespace(white=SimpleNamespace(spreads=taken, deviance=deviance))
-        for deviance in (taken.__getitem__, lambda number: 0.0)
+        SimpleNamespace(spreads=taken, deviance=deviance) for deviance in (taken.__getitem__, lambda number: 0.0)
     )
     records = [SimpleNamespace(number=number, name=str(number)) for number in taken]
-    best = SimpleNamespace(model=SimpleNamespace(causes=(AddedMass(),)))
-    found = SimpleNamespace(
-        _untested=True,
-        _before=lambda e: before,
-        _noise=lambda e: after,
-        campaign=SimpleNamespace(data=SimpleNamespace(records=records)),
-    )
-    (line,) = Conclusion._to_hold_out(found, best)
+    campaign = SimpleNamespace(data=SimpleNamespace(records=records))
+    (line,) = to_hold_out("added-mass", before, after, campaign)
     assert line == said
 
 
