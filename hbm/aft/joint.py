@@ -156,14 +156,16 @@ class JointOverPeriod(SteadyPeriod):
         return JointForces(f, tuple(found), by_used, by_Omega.T)
 
     def along(self, signals: Array, Omega: float, numbers: Array) -> Array:
-        """Derivatives of the coefficients of the forces to numbers of the law, signals held, (2H+1, m, c).
+        """Derivatives of the coefficients of the forces to numbers of the law or its compliance, (2H+1, m, c).
+
+        Signals are held.
 
         Parameters
         ----------
         signals, Omega
             As for :meth:`forces`.
-        numbers : (p, c) array
-            Changes of the law's parameters.
+        numbers : (p + 1, c) array
+            Changes of the law's parameters, and of the compliance that it takes into account.
         """
         self.shown(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis

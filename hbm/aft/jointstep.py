@@ -120,7 +120,7 @@ class JointFunctions:
         `gap` is what f = law(f) is short of.
     period : (carried, signals, environment, p) -> (forces, gap, local, carried)
         `local` (forces, memory) by (memory, signals read, dt if it matters).
-    by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p).
+    by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p, C).
     """
 
     memory: int
@@ -171,7 +171,7 @@ def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointF
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),
         period=with_derivatives(inputs),
-        by_numbers=with_derivatives(ca.vertcat(inputs, step.p)),
+        by_numbers=with_derivatives(ca.vertcat(inputs, step.p, step.environment[ENVIRONMENT.index("C")])),
     )
 
 

@@ -49,8 +49,8 @@ class JointEquations(Scaled[JointedRig]):
         ]
         self.flexibility = s.flexibility - np.diag(self.own)
         # velocities in limits of friction are those of the modes, docs/theory/equations.md section 3
-        folds = np.array([j.law.folds for j in rig.joints for _ in range(j.law.ports)], dtype=bool)
-        self.flexibility_of_rate = np.where(folds[:, None], 0.0, s.flexibility)
+        self.folds = np.array([j.law.folds for j in rig.joints for _ in range(j.law.ports)], dtype=bool)
+        self.flexibility_of_rate = np.where(self.folds[:, None], 0.0, s.flexibility)
         self.diagonal = bool(np.count_nonzero(s.damping - np.diag(s.damping.diagonal())) == 0)
         self.rigid = np.flatnonzero(s.omega_n == 0.0)
         self.adrift = self._adrift()
@@ -132,11 +132,21 @@ class JointEquations(Scaled[JointedRig]):
     def moved_signals(self, state: State, changes: JointedStructure) -> list[Array]:
         """Derivatives (2H+1, 2 ports + 1, p) of the signals of each joint along changes of the modes, a last axis."""
         s, basis, F = changes, self.basis, state.F * self.force_shape
-        u = np.tensordot(state.Q, s.joints, (1, 1)) + np.multiply.outer(F, s.flexibility_to_force)
+        moved = np.tensordot(state.Q, s.joints, (1, 1)) + np.multiply.outer(F, s.flexibility_to_force)
+        ports, rated = range(len(self.own)), np.where(self.folds[:, None, None], 0.0, s.flexibility)
+        within = s.flexibility.copy()
+        within[ports, ports] -= self.moved_own(s)
+        u, w = (moved + np.tensordot(state.T, by_forces, (1, 1)) for by_forces in (within, rated))
         squared, rate = (basis.k * state.Omega)[:, None, None] ** 2, state.Omega * basis.derivative(state.Q)
         loads = np.tensordot(rate, s.loads_damping, (1, 1)) - squared * np.tensordot(state.Q, s.loads_inertia, (1, 1))
         loads += np.tensordot(state.T, s.loads_by_joints, (1, 1)) + np.multiply.outer(F, s.loads_by_force)
-        return [np.concatenate([u[:, at], u[:, at], loads[:, j : j + 1]], axis=1) for j, at in enumerate(self.slices)]
+        return [np.concatenate([u[:, at], w[:, at], loads[:, j : j + 1]], axis=1) for j, at in enumerate(self.slices)]
+
+    def moved_own(self, changes: JointedStructure) -> Array:
+        """Derivatives (m, p) of the compliances that laws take into account, where these are the body's own."""
+        diagonal = np.diagonal(changes.flexibility).T  # ports on the first axis
+        of_body = (self.own > 0.0) & (self.own == self.structure.flexibility.diagonal())
+        return np.where(of_body[:, None], diagonal, 0.0)
 
     def moved_balance(self, state: State, changes: JointedStructure) -> Array:
         """Derivatives (2H+1, n, p) of the balance of the modes along changes of them, a last axis."""

@@ -90,7 +90,7 @@ class Search(Standing):
 
     def _held_in(self, best: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
         """Causes that a single one contains and that are not among the fits, fitted from where it stands."""
-        if len(best.model.causes) > 1 or self.identified:
+        if len(best.model.causes) > 1:
             return []
         held, known = held_by(best.model.causes[0]), {e.model.label for e in fits}
         noise, again = replace(self.campaign, background={}), list[Evaluation]()

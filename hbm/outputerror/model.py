@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances
+from hbm.outputerror.nominal import RESIDUALS, SHAPES, nominal_scalars, tolerances
 from models.causes.cause import Cause, Unknown
 from models.jointed import AnyRig
 
@@ -117,7 +117,7 @@ def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
     if value == 0.0:
         lower, upper = max(-FAR * std, least), min(FAR * std, most)
         return Free(key, unit, lower, upper, 0.0, "linear", std, std=1.0)
-    if value < 0.0 or key.startswith(SHAPES):  # entries of a shape differ by shares of its largest
+    if value < 0.0 or key.startswith((SHAPES, RESIDUALS)):  # entries differ by shares of the largest
         reach = abs(value) * min(FAR * std, BOUND)
         lower, upper = max(value - reach, least), min(value + reach, most)
         return Free(key, unit, lower, upper, value, "linear", value, expected=1.0, std=std)

@@ -39,8 +39,8 @@ FORCE_GAIN = 0.1
 DELAY = ".delay"
 """Ending of the keys of what is known to a time, not to a share of itself."""
 
-SHAPES, BETWEEN = "modal.ports.", "modal.damping_matrix["
-"""Beginnings of the keys of entries of shapes, and of the damping between modes."""
+SHAPES, BETWEEN, RESIDUALS = "modal.ports.", "modal.damping_matrix[", "modal.flexibility["
+"""Beginnings of the keys of entries of shapes, of the damping between modes, and of residual flexibility."""
 
 
 def tolerances(
@@ -98,8 +98,8 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
     """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints.
 
     Those that the rig states go first; what it states to be exact is held. Of a port that nothing touches it may state
-    how its shapes are known: they move once a joint that was not modelled acts there. A damping matrix is exact but
-    where it states how its entries are known.
+    how its shapes are known: they move once a joint that was not modelled acts there. A damping matrix and residual
+    flexibility are exact but where it states how their entries are known.
     """
     found: dict[str, float] = {}
     largest = np.abs(rig.ported.rows).max(axis=0)
@@ -120,7 +120,8 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
             found[key] = TOLERANCES[ALPHA]
         elif key.startswith(GAINS):
             found[key] = FORCE_GAIN
-    found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith((SHAPES, BETWEEN))}
+    stated = SHAPES, BETWEEN, RESIDUALS
+    found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith(stated)}
     return found | _of_channels(measured)
 
 

@@ -60,6 +60,8 @@ class HeldBeamTable(BeamTable):
 
 
 Deviations = Annotated[list[NonNegative], Field(max_length=MOST_MODES)]
+MATRICES = {"damping_matrix": "mode", "flexibility": "port"}
+"""Symmetric matrices of ``[modal]``, and what they have a row for each of."""
 
 
 class TolerancesTable(Table):
@@ -68,13 +70,14 @@ class TolerancesTable(Table):
     frequencies_hz: Deviations = Field(default_factory=list)
     modal_ratios: Deviations = Field(default_factory=list)
     damping_matrix: Annotated[list[Deviations], Field(max_length=MOST_MODES)] = Field(default_factory=list)
+    flexibility: list[list[NonNegative]] = Field(default_factory=list)
     ports: dict[Shown, Deviations] = Field(default_factory=dict)
 
     @property
     def rows(self) -> dict[Key, list[float]]:
-        """Deviations by mode, under the key of each row that is given."""
+        """Deviations by mode, or by port of a flexibility, under the key of each row that is given."""
         rows: dict[Key, list[float]] = {("ports", port): row for port, row in self.ports.items()}
-        rows |= {("damping_matrix", i): row for i, row in enumerate(self.damping_matrix)}
+        rows |= {(name, i): row for name in MATRICES for i, row in enumerate(getattr(self, name))}
         rows |= {("frequencies_hz",): self.frequencies_hz, ("modal_ratios",): self.modal_ratios}
         return {key: row for key, row in rows.items() if row}
 
@@ -289,19 +292,23 @@ def _tolerances(rig: JointedRig, ports: Collection[str], stated: TolerancesTable
     if foreign := next((port for port in stated.ports if port not in ports), None):
         unknown = dotted(("modal", "tolerances", "ports", foreign))
         raise ValueError(f"{unknown} is unknown; ports are {', '.join(ports) or 'none'}")
-    if stated.damping_matrix and len(stated.damping_matrix) != rig.structure.n:
-        rows = f"has {len(stated.damping_matrix)} rows"
-        raise ValueError(f"modal.tolerances.damping_matrix {rows}; must have {rig.structure.n}, one per mode")
+    sizes = {"mode": rig.structure.n, "port": len(ports)}
+    for name, each in MATRICES.items():
+        matrix: list[list[float]] = getattr(stated, name)
+        if matrix and len(matrix) != sizes[each]:
+            rows = f"has {len(matrix)} rows"
+            raise ValueError(f"modal.tolerances.{name} {rows}; must have {sizes[each]}, one per {each}")
     for key, row in stated.rows.items():
         where = dotted(("modal", "tolerances", *key))
-        if len(row) != rig.structure.n:
-            raise ValueError(f"{where} has {len(row)} entries; must have {rig.structure.n}, one per mode")
+        each = MATRICES.get(str(key[0]), "mode")
+        if len(row) != sizes[each]:
+            raise ValueError(f"{where} has {len(row)} entries; must have {sizes[each]}, one per {each}")
         table = "damping" if key == ("modal_ratios",) else "modal"
         of_row = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in key)
         for i, std in enumerate(row, 1):
             number = f"{table}{of_row}[{i}]"
-            if key[0] == "damping_matrix" and i <= int(key[1]):  # below the diagonal
-                if std != stated.damping_matrix[i - 1][int(key[1])]:
+            if key[0] in MATRICES and i <= int(key[1]):  # below the diagonal
+                if std != getattr(stated, key[0])[i - 1][int(key[1])]:
                     raise ValueError(f"{where}[{i}] = {std:g}; must be as [{i}][{int(key[1]) + 1}], it is symmetric")
             elif number in known:
                 out[number] = std / (abs(known[number][0]) or 1.0)

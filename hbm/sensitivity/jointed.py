@@ -38,18 +38,12 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
     problem, basis = here.problem, here.problem.basis
     split = basis.size * problem.structure.n
     out = np.zeros((problem.size, len(keys)))
-    for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
-        names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
-        columns = [i for i, key in enumerate(keys) if key in names]
-        if columns:
-            change = np.zeros((len(names), len(columns)))
-            change[[names.index(keys[i]) for i in columns], range(len(columns))] = 1.0
-            by = problem.joints[j].along(here.signals[j], here.state.Omega, change)
-            rows = out[split:].reshape(basis.size, len(problem.own), -1)
-            rows[:, at, columns] -= by / problem.f_ref[at, None]
+    rows = out[split:].reshape(basis.size, len(problem.own), len(keys))
     moving, changes = problem.rig.structure_changes(tuple(keys))
     balance, signals = problem.moved_balance(here.state, changes), problem.moved_signals(here.state, changes)
     out[:, moving] = _scaled(here, balance, signals)
+    for at, columns, by in law_changes(problem, here.signals, here.state.Omega, keys):
+        rows[:, at, columns] -= by / problem.f_ref[at, None]
     tones = tone_changes(problem, keys)
     if tones.any():
         out += forces_change(here, here.state.F * tones, problem.structure)
@@ -58,6 +52,27 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
     if HZ in keys:
         out[:, keys.index(HZ)] = here.along("frequency") / problem.hz_ref
     return out
+
+
+def law_changes(
+    problem: JointEquations, signals: Sequence[Array], Omega: float, keys: Sequence[str]
+) -> Iterator[tuple[slice, list[int], Array]]:
+    """How the forces of the joints change with numbers of the rig, signals held: of their laws, of their compliances.
+
+    Yields
+    ------
+    slice, list of int, (2H+1, ports, c) array
+        Ports of a joint, which of the keys it depends on, and the derivatives to these.
+    """
+    moving, changes = problem.rig.structure_changes(tuple(keys))
+    own = np.zeros((len(problem.own), len(keys)))
+    own[:, moving] = problem.moved_own(changes)
+    for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
+        names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
+        change = np.vstack([np.array(names, dtype=str)[:, None] == np.array(keys), own[at.start]]).astype(float)
+        columns = np.flatnonzero(change.any(axis=0)).tolist()
+        if columns:
+            yield at, columns, problem.joints[j].along(signals[j], Omega, change[:, columns])
 
 
 def forces_change(here: JointLinearization, forces: Array, s: JointedStructure) -> Array:

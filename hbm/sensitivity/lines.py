@@ -8,9 +8,8 @@ from hbm.balance.lines import EXACT, LinesHere
 from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.sensitivity.channels import ChannelSensitivity, Peak, smooth_peak
-from hbm.sensitivity.jointed import JointChannels
+from hbm.sensitivity.jointed import JointChannels, law_changes
 from hbm.sensitivity.scalars import FORCE
-from models.joints.law import numbers
 
 
 class LineChannels(JointChannels):
@@ -49,12 +48,7 @@ def line_changes(here: LinesHere, keys: Sequence[str], accuracy: float = EXACT) 
         for own, a in zip(changes, grown, strict=True):
             own[:, :, i] = a
     missed = here.answered(changes) if changes else np.zeros((*here.state.T.shape, len(keys)))
-    for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
-        names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
-        columns = [i for i, key in enumerate(keys) if key in names]
-        if columns:
-            of_law = np.array([[float(name == keys[i]) for i in columns] for name in names])
-            law = problem.joints[j]
-            missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law)
+    for at, columns, by in law_changes(problem, here.signals, problem.Omega, keys):
+        missed[:, at, columns] += by
     T = here.followed(missed, accuracy)
     return Q + problem.modes.moved(np.einsum("kmp,mn->knp", T, s.joints)), T

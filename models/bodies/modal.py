@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from models.friction.law import Parameter
 from models.parts import Damping
 from models.plausible import plausible
 from models.structure import Array
+
+Rows = tuple[tuple[float, ...], ...]
 
 SYMMETRIC = 1e-9
 """Share of the largest entry by which a matrix may differ from its transpose, or damp less than not at all."""
@@ -42,8 +44,8 @@ class ModalModel:
 
     frequencies_hz: tuple[float, ...]
     ports: Mapping[str, tuple[float, ...]]
-    flexibility: tuple[tuple[float, ...], ...] | None = None
-    damping_matrix: tuple[tuple[float, ...], ...] | None = None
+    flexibility: Rows | None = None
+    damping_matrix: Rows | None = None
     reactions: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
@@ -104,9 +106,10 @@ class ModalModel:
 
     @cached_property
     def numbers(self) -> dict[str, tuple[float, Parameter]]:
-        """Frequencies of modes that are not rigid, shapes at the ports, and what a damping matrix has between modes.
+        """Frequencies of modes that are not rigid, shapes at the ports, entries of a damping matrix and of flexibility.
 
-        ``modal.ports.tip[2]`` is of mode 2, ``modal.damping_matrix[1][2]`` of modes 1 and 2.
+        ``modal.ports.tip[2]`` is of mode 2, ``modal.damping_matrix[1][2]`` of modes 1 and 2,
+        ``modal.flexibility[1][2]`` of ports 1 and 2.
         """
         found = {
             _frequency(i): (hz, Parameter("Hz", "natural frequency", "")) for i, hz in enumerate(self.frequencies_hz)
@@ -115,7 +118,9 @@ class ModalModel:
         shape = Parameter("kg^-1/2", "mass-normalised shape", "", lower=-np.inf)
         between = Parameter("1/s", "viscous damping between two modes", "", lower=-np.inf)
         own = Parameter("1/s", "viscous damping of a mode", "", strict=False)
-        found |= {key: (value, own if i == j else between) for (i, j), key, value in self._entries}
+        found |= {key: (value, own if i == j else between) for (i, j), key, value in self._dampers}
+        residual = Parameter("m/N", "residual flexibility between two ports", "", lower=-np.inf)
+        found |= {key: (value, residual) for _, key, value in self._residuals}
         return found | {
             _shape(name, i): (entry, shape) for name, row in self.ports.items() for i, entry in enumerate(row)
         }
@@ -131,15 +136,20 @@ class ModalModel:
             for name, row in self.ports.items()
         }
         changed = replace(self, frequencies_hz=tuple(hz), ports=ports) if values else self
-        return replace(changed, damping_matrix=self._damped(values)) if self._of_damping(values) else changed
+        if _among(self._residuals, values):
+            changed = replace(changed, flexibility=_rows(_with_entries(self.flexibility, self._residuals, values)))
+        return replace(changed, damping_matrix=self._damped(values)) if _among(self._dampers, values) else changed
 
     def change(self, key: str, here: PortedModes, damping: Damping) -> PortedModes:
-        """Return the derivatives of its modes and rows `here` to a frequency or an entry of a shape."""
+        """Return the derivatives of its modes and rows `here` to one of its numbers."""
         none, modes = here.nothing, range(self.modes)
-        if between := self._of_damping([key]):
-            D = np.zeros_like(here.damping)
-            D[between[0]] = D[between[0][::-1]] = 1.0
+        if between := _among(self._dampers, [key]):
+            D = _mirrored(np.zeros_like(here.damping), between[0], 1.0)
             return replace(none, damping=D, reaction_damping=here.reaction_inertia @ D)
+        if between := _among(self._residuals, [key]):
+            known = list(self.ports)
+            at = [known.index(name) for name in here.places]
+            return replace(none, flexibility=_mirrored(np.zeros((len(known),) * 2), between[0], 1.0)[np.ix_(at, at)])
         if key not in map(_frequency, modes):
             entries = [[key == _shape(name, i) for i in modes] for name in here.places]
             return replace(none, rows=np.array(entries, dtype=float).reshape(none.rows.shape))
@@ -167,7 +177,7 @@ class ModalModel:
             self,
             frequencies_hz=self.frequencies_hz[kept],
             ports={name: row[kept] for name, row in self.ports.items()},
-            flexibility=tuple(map(tuple, (old + left).tolist())),
+            flexibility=_rows(old + left),
             damping_matrix=None if damping is None else tuple(row[kept] for row in damping[kept]),
             reactions={name: row[kept] for name, row in self.reactions.items()},
         )
@@ -211,30 +221,63 @@ class ModalModel:
         dampers = damping.dampers(omega_n, np.arange(1, self.modes + 1))
         return np.diag(dampers.viscous + dampers.strain_rate * omega_n**2)
 
-    # ---- entries of the damping matrix
+    # ---- entries of its symmetric matrices
 
     @property
-    def _entries(self) -> list[tuple[tuple[int, int], str, float]]:
-        """Entries on and above the diagonal of the damping matrix, each with its key."""
-        rows = self.damping_matrix or ()
-        return [
-            ((i, j), f"modal.damping_matrix[{i + 1}][{j + 1}]", row[j])
-            for i, row in enumerate(rows)
-            for j in range(i, len(rows))
-        ]
+    def _dampers(self) -> list["_Entry"]:
+        return _entries("damping_matrix", self.damping_matrix)
 
-    def _of_damping(self, keys: Collection[str]) -> list[tuple[int, int]]:
-        """Which entries keys are of."""
-        return [at for at, key, _ in self._entries if key in keys]
+    @property
+    def _residuals(self) -> list["_Entry"]:
+        return _entries("flexibility", self.flexibility)
 
-    def _damped(self, values: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
+    def _damped(self, values: Mapping[str, float]) -> Rows:
         """Damping matrix with other values, or the nearest one that takes energy only."""
-        D = np.array(self.damping_matrix, dtype=float)
-        for (i, j), key, value in self._entries:
-            D[i, j] = D[j, i] = values.get(key, value)
+        D = _with_entries(self.damping_matrix, self._dampers, values)
         size, axes = np.linalg.eigh(D)
         nearest = (axes * np.maximum(size, 0.0)) @ axes.T if size[0] < 0.0 else D
-        return tuple(map(tuple, (0.5 * (nearest + nearest.T)).tolist()))
+        return _rows(0.5 * (nearest + nearest.T))
+
+
+class _Entry(NamedTuple):
+    """An entry on or above the diagonal of a symmetric matrix."""
+
+    at: tuple[int, int]
+    key: str
+    value: float
+
+
+def _entries(name: str, matrix: Rows | None) -> list[_Entry]:
+    """Entries on and above the diagonal."""
+    rows = matrix or ()
+    return [
+        _Entry((i, j), f"modal.{name}[{i + 1}][{j + 1}]", row[j])
+        for i, row in enumerate(rows)
+        for j in range(i, len(rows))
+    ]
+
+
+def _among(entries: Sequence[_Entry], keys: Collection[str]) -> list[tuple[int, int]]:
+    """Which entries keys are of."""
+    return [entry.at for entry in entries if entry.key in keys]
+
+
+def _with_entries(matrix: Rows | None, entries: Sequence[_Entry], values: Mapping[str, float]) -> Array:
+    """The matrix with other values of some entries."""
+    changed = np.array(matrix, dtype=float)
+    for at, key, value in entries:
+        _mirrored(changed, at, values.get(key, value))
+    return changed
+
+
+def _mirrored(matrix: Array, at: tuple[int, int], value: float) -> Array:
+    """The matrix, in which an entry on either side of the diagonal has become a value."""
+    matrix[at] = matrix[at[::-1]] = value
+    return matrix
+
+
+def _rows(matrix: Array) -> Rows:
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def _frequency(i: int) -> str:

@@ -33,6 +33,7 @@ ALPHA = replace(RIG, damping=Damping(0.3))
 KEYS = (
     *("modal.frequencies_hz[2]", "modal.frequencies_hz[4]", "damping.modal_ratios[3]"),
     *("modal.ports.a[2]", "modal.ports.d[3]", "modal.ports.e[1]", "channels.x.gain", "channels.x.delay"),
+    *("modal.flexibility[1][1]", "modal.flexibility[3][5]", "modal.flexibility[1][4]"),
 )
 FILE = """
 name = "three modes"
@@ -86,6 +87,33 @@ def test_derivatives_are_those_of_solutions_nearby(rig: JointedRig, key: str) ->
         assert np.abs(found[name].coefficients[:, 0] - apart).max() < 1e-4 * size, name
         moved |= bool(np.abs(apart).max() > 1e-3 * np.abs(here[name].coefficients).max())
     assert moved
+
+
+def test_residual_flexibility_is_calibrated_as_far_as_the_rig_file_states_it(tmp_path: Path) -> None:
+    def stated(rows: str) -> JointedRig:
+        flexible = FILE.replace("[damping]", f"flexibility = [[4e-6, 0.0], [0.0, 2e-6]]\n{rows}[damping]")
+        flexible = flexible.replace("shapes = ", "ports = {tip = [0.5, 1.0, 1.0], f = [0.5, 0.3, 0.5]}\n# ")
+        flexible = flexible.replace("excitation_shape", "# ").replace("amplitude", 'at = "f"\namplitude')
+        flexible = flexible.replace('name = "tip"', 'name = "tip"\nat = "tip"')
+        (tmp_path / "rig.toml").write_text(flexible)
+        rig = load_rig(tmp_path / "rig.toml")
+        assert isinstance(rig, JointedRig)
+        return rig
+
+    held = stated("")
+    assert not [key for key in tolerances(held) if "flexibility" in key]
+    assert held.with_number("modal.flexibility[1][2]", 1e-6).body.flexibility == ((4e-6, 1e-6), (1e-6, 2e-6))
+    rows = "[modal.tolerances]\nflexibility = {}\n"
+    known = tolerances(stated(rows.format("[[1e-6, 3e-7], [3e-7, 0.0]]")))
+    of_ports = {key: std for key, std in known.items() if "flexibility" in key}
+    assert of_ports == pytest.approx({"modal.flexibility[1][1]": 0.25, "modal.flexibility[1][2]": 3e-7})
+    for wrong, said in (
+        ("[[1e-6, 0.0]]", "flexibility has 1 rows; must have 2, one per port"),
+        ("[[1e-6], [0.0, 0.0]]", r"flexibility\[1\] has 1 entries; must have 2, one per port"),
+        ("[[1e-6, 1e-7], [0.0, 0.0]]", r"flexibility\[2\]\[1\] = 0; must be as \[1\]\[2\], it is symmetric"),
+    ):
+        with pytest.raises(InputError, match=said):
+            stated(rows.format(wrong))
 
 
 @pytest.fixture

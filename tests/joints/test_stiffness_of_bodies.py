@@ -109,18 +109,20 @@ def rig(tmp_path: Path) -> JointedRig:
     return loaded(tmp_path, FILE)
 
 
-def test_responses_follow_the_modulus(rig: JointedRig) -> None:
-    key = "beam.youngs_modulus"
+@pytest.mark.parametrize("text", [FILE, FILE.replace("modes = 6", "modes = 2").replace("1e-4", "1e-6")], ids=["6", "2"])
+def test_responses_follow_the_modulus(tmp_path: Path, text: str) -> None:
+    """Two modes leave much to residual flexibility, which acts within the law too."""
+    rig, key = loaded(tmp_path, text), "beam.youngs_modulus"
     assert rig.number(key) == 210e9 and tolerances(rig)[key] == 0.01
-    here = steady_state(rig, 47.5, harmonics=7, samples=256)
-    found = joint_sensitivities(rig, here, [key]).channels["a1"].coefficients[:, 0]
-    step = 1e-5 * 210e9
+    here, step = steady_state(rig, 55.0, harmonics=7, samples=256), 1e-5 * 210e9
+    found = joint_sensitivities(rig, here, [key])
     up, down = (
-        steady_state(rig.with_number(key, 210e9 + h), 47.5, harmonics=7, samples=256, start=here)["a1"].coefficients
-        for h in (step, -step)
+        steady_state(rig.with_number(key, 210e9 + h), 55.0, harmonics=7, samples=256, start=here) for h in (step, -step)
     )
-    difference = (up - down) / (2 * step)
-    assert found == pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(difference).max())
+    for name in ("a1", "bolt.force", "bolt.motion"):
+        difference = (up[name].coefficients - down[name].coefficients) / (2 * step)
+        near = pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(difference).max())
+        assert found[name].coefficients[:, 0] == near, name
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
