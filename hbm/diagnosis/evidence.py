@@ -13,10 +13,12 @@ from hbm.diagnosis.misfit import Misfit, misfit
 from hbm.diagnosis.predict import Predicted
 from hbm.diagnosis.remainder import explained, first_of, nearly_all, percent
 from hbm.diagnosis.search import Search
+from hbm.inverse.units import with_gain
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.whitened import Whitened
 from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorGain
 
 MOVED = 3
 """So many numbers that calibration moves far are named."""
@@ -137,6 +139,7 @@ class Evidence:
             f"(BIC by {whole.bic - plain.bic:.4g}){hidden}."
         )
         yield from _clock(best)
+        yield from _unit(best)
         if self.within:
             yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
         if not best.settled:
@@ -175,6 +178,15 @@ def shares_of_two(
     if told:
         both = nearly_all(explained(before, white(best)))
         yield f"Of the misfit on the records fitted {', '.join(told)}, both together {both}."
+
+
+def _unit(best: Evaluation) -> Iterator[str]:
+    """What is in another unit where a gain is that between two."""
+    cause = best.model.causes[0]
+    if isinstance(cause, SensorGain):
+        said = with_gain(best.model.nominal, cause.channel, best.model.values(best.x, 0)["gain"])
+        if said:
+            yield f"Such a gain is found where {' or '.join(said)}."
 
 
 def _clock(best: Evaluation) -> Iterator[str]:

@@ -58,6 +58,20 @@ OPPOSITE = Unit(("force",), "the force has the opposite sign", -1.0)
 """No unit, but mistaken alike."""
 
 
+def with_gain(rig: AnyRig, channel: str, gain: float) -> list[str]:
+    """What is in which unit where a channel seems to read a multiple of the truth, in words; nothing for other gains.
+
+    Responses that all read a multiple are a gain of the force, the other way round.
+    """
+    quantity, known = next(c.quantity for c in rig.channels if c.name == channel), {c.quantity for c in rig.channels}
+    own = [(unit.said, 1.0 / unit.factor) for unit in UNITS if quantity in unit.quantities]
+    if quantity == "force":
+        own += [(unit.said, unit.factor) for unit in UNITS if (known - {"force"}) & set(unit.quantities)]
+    else:
+        own = [(f"its values are {said.partition(' are ')[2]}", factor) for said, factor in own]
+    return [said for said, factor in own if abs(gain / factor - 1.0) < NEAR]
+
+
 def mistaken(
     rig: Rig, spectra: MeasuredSpectra, base: Readings, read: Callable[[MeasuredSpectra], Readings]
 ) -> tuple[Unit, Readings] | None:

@@ -58,6 +58,9 @@ def records(drift: float = 0.0) -> MeasuredSpectra:
     )
 
 
+SUCH = "Such a gain is found where "
+
+
 def times(spectra: MeasuredSpectra, factor: float, *channels: str) -> MeasuredSpectra:
     coefficients, std = spectra.coefficients.copy(), spectra.std.copy()
     for i in map(spectra.index, channels):
@@ -72,28 +75,37 @@ def value(d: Diagnosis, name: str) -> tuple[float, float]:
     return found.value, found.std
 
 
-@pytest.mark.parametrize(("gain", "channel"), [(0.102, "a"), (0.5, "b"), (-1.0, "c")])
-def test_a_sensor_that_reads_a_multiple_is_named(gain: float, channel: str) -> None:
+@pytest.mark.parametrize(
+    ("gain", "channel", "unit"),
+    [(0.102, "a", "its values are in g instead of m/s2"), (0.5, "b", ""), (-1.0, "c", "")],
+)
+def test_a_sensor_that_reads_a_multiple_is_named(gain: float, channel: str, unit: str) -> None:
     """Numbers of modes that go to their bounds for it, and joints that these would need, explain it no better."""
     d = diagnose(rig_of(), times(records(), gain, channel))
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == channel
     found, std = value(d, "gain")
     assert abs(found - gain) < 3.0 * std and std < SHAPES * abs(gain)
+    assert [line for line in d.evidence if line.startswith(SUCH)] == [f"{SUCH}{unit}."] * bool(unit)
 
 
 @pytest.mark.parametrize(
-    ("factor", "channels", "gain"),
-    [(1.3, ("force",), 1.3), (-1.0, ("force",), -1.0), (0.102, SENSORS, 1.0 / 0.102)],
+    ("factor", "channels", "gain", "unit"),
+    [
+        (1.3, ("force",), 1.3, ""),
+        (-1.0, ("force",), -1.0, ""),
+        (0.102, SENSORS, 1.0 / 0.102, "all accelerations are in g instead of m/s2"),
+    ],
 )
 def test_one_factor_on_the_force_or_on_everything_else_is_a_gain_of_the_force(
-    factor: float, channels: tuple[str, ...], gain: float
+    factor: float, channels: tuple[str, ...], gain: float, unit: str
 ) -> None:
     d = diagnose(rig_of(), times(records(), factor, *channels))
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == "force"
     found, std = value(d, "gain")
     assert abs(found - gain) < 3.0 * std and std < SHAPES * abs(gain)
+    assert [line for line in d.evidence if line.startswith(SUCH)] == [f"{SUCH}{unit}."] * bool(unit)
 
 
 def test_frequencies_that_drift_are_named() -> None:

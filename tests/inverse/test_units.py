@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensorcheck import check_sensors
+from hbm.inverse.units import with_gain
 from hbm.measurement.spectra import MeasuredSpectra
 from tests.inverse.measurement import with_noise
 from tests.inverse.test_sensorcheck import CLEAN, RIG, STD, dead
@@ -45,6 +46,21 @@ def test_a_unit_is_named_and_no_channel_is_left_out(
     assert found.spectra.channels == noisy.channels
     (line,) = found.findings
     assert line.startswith(f"units: the sensors read as if {said}, ")
+
+
+@pytest.mark.parametrize(
+    ("channel", "gain", "said"),
+    [
+        ("force", 1.02e-3, ["the force is in kN instead of N", "all responses are in mm instead of m"]),
+        ("force", 9.7, ["all accelerations are in g instead of m/s2"]),
+        (RESPONSES[0], 0.7, ["its values are rms values instead of amplitudes"]),
+        (RESPONSES[0], 1e-3, []),  # no unit of accelerations alone
+        ("force", -9.8, []),
+        ("force", 1.06, []),
+    ],
+)
+def test_a_gain_between_two_units_is_said_to_be_one(channel: str, gain: float, said: list[str]) -> None:
+    assert with_gain(RIG, channel, gain) == said
 
 
 def with_decibel(decibel: float, seed: int) -> MeasuredSpectra:
