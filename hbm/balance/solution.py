@@ -22,6 +22,9 @@ from models.parts import UNITS, Channel
 WALKING = 1e-3
 """Mean force on a free body, relative to the excitation, from which on it walks and does not stay where it is."""
 
+UNSOLVED = 1e-3
+"""Share of a law's largest force that is open, at a sample or over a period, from which on a state is no motion."""
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -168,6 +171,11 @@ class PeriodicSolution(Displayed):
         return self.unheld > WALKING
 
     @property
+    def unsolved(self) -> bool:
+        """Whether a law is not solved at its samples, or its loop not closed: then this is no motion of the rig."""
+        return not self.closure <= UNSOLVED
+
+    @property
     def off(self) -> float:
         """Share of the period without a reaction: for which a tip that can lift off is off its support."""
         return float(np.mean(self.channels["normal"].samples <= 0.0))
@@ -230,8 +238,13 @@ def expect_periodic(found: PeriodicSolution) -> PeriodicSolution:
     Raises
     ------
     ConvergenceError
-        If it walks: then there is none.
+        If it walks: then there is none. If a law is not solved at its samples.
     """
+    if found.unsolved:
+        raise ConvergenceError(
+            f"steady state: a law is not solved at its samples at {found.hz:.6g} Hz, {found.level:g} N, "
+            f"{found.closure:.1%} of its force is open; try more samples, or less damping in the law"
+        )
     if found.walks:
         raise ConvergenceError(
             f"steady state: no motion is periodic at {found.hz:.6g} Hz, {found.level:g} N; friction pushes the body "

@@ -33,5 +33,8 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     lines += [f"warning: {curve.past_start}"] if curve.past_start else []
     lines += [f"corner at {curve.parameter} = {value:.6g}" for value in curve.corners]
     lines += [f"warning: the tip would lift off from {low:.5g} to {high:.5g}" for low, high in curve.lift_off]
+    lines += [
+        f"warning: a law is not solved at its samples from {low:.5g} to {high:.5g}" for low, high in curve.unsolved
+    ]
     lines.append(f"more harmonics, samples and modes change the ends and the peak by {curve.error:.2%}")
     print_lines(console, lines)

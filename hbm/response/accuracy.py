@@ -329,5 +329,10 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
             f"from {low:.5g} to {high:.5g} Hz friction pushes the body along: nothing balances its mean, up to "
             f"{most:.2g} of the excitation; no motion is periodic there, simulate it in time instead"
         )
+    for low, high in curve.unsolved:
+        yield (
+            f"from {low:.5g} to {high:.5g} Hz a law is not solved at its samples, up to {error.closure:.1%} of its "
+            "force is open: no solutions there, try more samples"
+        )
     if not curve.complete:
         yield f"partial curve: {curve.branch.message}"

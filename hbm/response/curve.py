@@ -253,6 +253,11 @@ class ResponseCurve(Displayed):
         """Frequency ranges (or force ranges) where friction pushes a free body along: no motion is periodic there."""
         return self._where([p.walks for p in self.points])
 
+    @property
+    def unsolved(self) -> list[tuple[float, float]]:
+        """Ranges of what varies where a law is not solved at its samples: more of them are needed there."""
+        return self._where([p.unsolved for p in self.points])
+
     def _where(self, flags: Sequence[bool]) -> list[tuple[float, float]]:
         """Ranges of the curve's parameter over which points have a flag, [(first, last), ...]."""
         at, edges = self.values, np.flatnonzero(np.diff([False, *flags, False]))
@@ -373,4 +378,6 @@ class ResponseCurve(Displayed):
             f"at {values[self.points.index(top)]:.4g} {self.unit}; {len(self.folds)} folds, "
             f"{len(self.corners)} corners" + (f"; {self.past_start}" if self.past_start else "")
         )
+        for low, high in self.unsolved:
+            text += f"; no solution from {low:.5g} to {high:.5g} {self.unit}, laws are not solved at their samples"
         return text if self.complete else f"{text}; partial: {self.branch.message}"

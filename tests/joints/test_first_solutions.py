@@ -1,15 +1,19 @@
 """First solutions where no short way leads to them: joints that strike, resonances of hardly any damping."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from hbm import steady_state
+from continuation import ConvergenceError
+from hbm import steady_state, trace_frequency
 from models import Jenkins
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import Friction, Joint, Stop
 from models.parts import Damping, Excitation
+from tests.joints.rigs import loaded
 
 HZ, RATIO, STIFFNESS, FORCE = 10.0, 0.05, 4e4, 10.0
 
@@ -60,3 +64,33 @@ def test_a_resonance_of_hardly_any_damping_has_a_first_solution(hz: float) -> No
     rig = JointedRig("light", body, Damping(modal_ratios=(ratio,)), (joint,), Excitation(force, at="a"))
     found = steady_state(rig, hz, samples=4096)
     assert found["drive"].amplitude[1] == pytest.approx(brentq(balance, 2.0 * u_crit, 10.0), rel=1e-3)
+
+
+STIFF_BRISTLES = """
+name = "bristles"
+beam = { length = 0.606, width = 0.03888, thickness = 0.00478, youngs_modulus = 210e9, density = 7800.0, modes = 2 }
+damping = { modal_ratios = [0.01] }
+excitation = { amplitude = 20.0, position = 0.555 }
+[[joints]]
+name = "bristles"
+law = "lugre"
+mu_static = 0.12
+mu = 0.1
+stribeck_velocity = 0.01
+stiffness = 1e7
+bristle_damping = 300.0
+viscous = 1.0
+normal_load = 40.0
+at = "y(0.25)"
+"""
+
+
+def test_a_law_that_is_not_solved_at_its_samples_is_no_steady_state(tmp_path: Path) -> None:
+    """Too few samples for what bristles damp: Newton's method goes round in circles at some of them."""
+    rig = loaded(tmp_path, STIFF_BRISTLES)
+    with pytest.raises(ConvergenceError, match=r"not solved at its samples at 55 Hz, 20 N, .* try more samples"):
+        steady_state(rig, 55.0, harmonics=7, samples=512)
+    assert steady_state(rig, 55.0, harmonics=7, samples=4096).closure < 1e-10
+    curve = trace_frequency(rig, (55.0, 55.2), harmonics=7, samples=512)
+    assert curve.unsolved == [(55.0, pytest.approx(55.2))]
+    assert "no solution from 55 to 55.2 Hz, laws are not solved at their samples" in str(curve)

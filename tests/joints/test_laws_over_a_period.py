@@ -82,8 +82,10 @@ def test_derivatives_of_the_coefficients_are_those_of_differences(name: str) -> 
     signals, change = _signals(law.ports, isinstance(law, Friction) and law.ports == 1)
     numbers, e = values(law), 1e-6
 
-    def coefficients(of: object = law, s: np.ndarray = signals, Omega: float = OMEGA) -> np.ndarray:
-        f, closure = JointOverPeriod(of, BASIS, C).forces(s, Omega)
+    def coefficients(
+        of: object = law, s: np.ndarray = signals, Omega: float = OMEGA, compliance: float = C
+    ) -> np.ndarray:
+        f, closure = JointOverPeriod(of, BASIS, compliance).forces(s, Omega)
         assert closure < 1e-10
         return BASIS.analysis @ f
 
@@ -95,8 +97,11 @@ def test_derivatives_of_the_coefficients_are_those_of_differences(name: str) -> 
     assert np.abs(np.einsum("amcs,cs->am", found.by_signals, change) - by_signals).max() < 1e-5 * scale
     by_Omega = (coefficients(Omega=OMEGA + e) - coefficients(Omega=OMEGA - e)) / (2 * e)
     assert np.abs(found.by_Omega - by_Omega).max() < 1e-5 * scale
-    step = 0.1 * numbers * np.random.default_rng(1).normal(size=len(numbers))
-    up, down = (coefficients(with_numbers(law, iter(numbers + sign * e * step))) for sign in (1, -1))
+    step = 0.1 * np.append(numbers, C) * np.random.default_rng(1).normal(size=len(numbers) + 1)
+    up, down = (
+        coefficients(with_numbers(law, iter(numbers + sign * e * step[:-1])), compliance=C + sign * e * step[-1])
+        for sign in (1, -1)
+    )
     along = joint.along(signals, OMEGA, step[:, None])[:, :, 0]
     assert np.abs(along - (up - down) / (2 * e)).max() < 1e-5 * scale
 
