@@ -187,6 +187,11 @@ def _print(found: "Modes", *, driven: bool) -> None:
     print_rows(console(), f"{len(found)} modes from {low:.5g} to {high:.5g} Hz", rows)
     lines = [f"misfit {found.chi2_reduced:.3g} noise variances at {len(found.responses.hz)} frequencies"]
     lines += _between(found, driven=driven)
+    if found.beyond:
+        lines.append(
+            f"modes above the band answer as one at {found.beyond.hz:.4g} ± {found.beyond.hz_std:.2g} Hz, beside a "
+            "constant"
+        )
     if found.phase_std:
         lines.append(f"the force leads the channel that stands for it by {found.phase:.4f} ± {found.phase_std:.1g} rad")
     if not found.responses.sized:

@@ -1,6 +1,7 @@
 """Rig files of modes that were fitted to measurements."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,30 +35,25 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     InputError
         As :meth:`hbm.identification.modes.Modes.shapes`.
     """
-    shapes, std, root = modes.shapes(drive)
+    below, beyond = _below(modes, drive), _beyond(modes, drive)
+    own = _Written(modes.hz, modes.hz_std, modes.ratio, modes.ratio_std, *modes.shapes(drive))
+    hz, hz_std, ratio, ratio_std, shapes, std, root = _together([part for part in (below, own, beyond) if part])
     channels = list(modes.responses.channels)
-    hz, ratio, hz_std, ratio_std = modes.hz, modes.ratio, modes.hz_std, modes.ratio_std
-    own = 1.0 if drive is None else float(modes.below[channels.index(drive)])
-    clear = modes.below_std * CLEAR < np.abs(modes.below)
-    rigid = own > 0.0 and bool(clear.any() if drive is None else clear[channels.index(drive)])
-    if rigid:  # phi_j phi_drive = L_j
-        hz, ratio, hz_std, ratio_std = (np.append(0.0, row) for row in (hz, ratio, hz_std, ratio_std))
-        first = modes.below / np.sqrt(own)
-        shapes, std = np.column_stack([first, shapes]), np.column_stack([modes.below_std / np.sqrt(own), std])
-        root = np.append(np.sqrt(own), root)
-    damping, damping_std = _damping(modes, rigid)
+    damping, damping_std = _damping(modes, below, beyond)
     ports = {channel: (row, spread) for channel, row, spread in zip(channels, shapes, std, strict=True)}
     if drive is None:
         ports[DRIVE] = root, np.zeros(len(root))
     at = drive or DRIVE
+    flexibility = _flexibility(modes, list(ports), at, masses=below is not None, beyond=beyond is not None)
+    said = [*(["0: all modes below the band"] if below else []), *(["the last: those above it"] if beyond else [])]
     lines = [
         f"# {len(modes)} modes fitted from {modes.responses.hz[0]:.6g} to {modes.responses.hz[-1]:.6g} Hz, misfit "
         f"{modes.chi2_reduced:.3g} noise variances",
         f'name = "{name}"',
         "",
         "[modal]",
-        f"frequencies_hz = {_row(hz)}" + ("  # 0: all modes below the band" if rigid else ""),
-        f"flexibility = {_matrix(_flexibility(modes, list(ports), at, rigid))}  # of other modes, where it was seen",
+        f"frequencies_hz = {_row(hz)}" + (f"  # {'; '.join(said)}" if said else ""),
+        f"flexibility = {_matrix(flexibility)}  # of other modes in the band, where it was seen",
         *([] if damping is None else [f"damping_matrix = {_matrix(damping, 13)}"]),
         "",
         "[modal.ports]" + ("" if drive else "  # the force acts on 1 of each mode: shapes carry the scale"),
@@ -86,20 +82,64 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     return "\n".join(lines) + "\n"
 
 
-def _flexibility(modes: Modes, ports: list[str], at: str, rigid: bool) -> Array:
+class _Written(NamedTuple):
+    """Modes as they are written: shapes (c, r), and r of all else; roots are shapes at the drive."""
+
+    hz: Array
+    hz_std: Array
+    ratio: Array
+    ratio_std: Array
+    shapes: Array
+    std: Array
+    root: Array
+
+
+def _together(parts: Sequence[_Written]) -> _Written:
+    return _Written(*(np.concatenate(rows, axis=-1) for rows in zip(*parts, strict=True)))
+
+
+def _below(modes: Modes, drive: str | None) -> _Written | None:
+    """All modes below the band as one of 0 Hz, where they are seen: phi_j phi_drive = L_j."""
+    at = None if drive is None else list(modes.responses.channels).index(drive)
+    own = 1.0 if at is None else float(modes.below[at])
+    clear = modes.below_std * CLEAR < np.abs(modes.below)
+    if own <= 0.0 or not (clear.any() if at is None else clear[at]):
+        return None
+    none, root = np.zeros(1), np.sqrt(own)
+    shapes, std = modes.below[:, None] / root, modes.below_std[:, None] / root
+    return _Written(none, none, none, none, shapes, std, np.array([root]))
+
+
+def _beyond(modes: Modes, drive: str | None) -> _Written | None:
+    """All modes above the band as one, where it is seen: held, for what it answers is known better than its numbers.
+
+    Its damping is not seen there, and taken for that of the others.
+    """
+    found = modes.shape_beyond(drive)
+    if modes.beyond is None or found is None:
+        return None
+    hz, like, held = np.array([modes.beyond.hz]), np.median(modes.ratio, keepdims=True), np.zeros(1)
+    shapes = found[0][:, None]
+    return _Written(hz, held, like, like, shapes, np.zeros_like(shapes), np.array([found[1]]))
+
+
+def _flexibility(modes: Modes, ports: list[str], at: str, *, masses: bool, beyond: bool) -> Array:
     """Flexibility between the ports; only that to the place of the force was seen."""
     out = np.zeros((len(ports), len(ports)))
     seen = [ports.index(channel) for channel in modes.responses.channels]
-    out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.flexibility(rigid)
+    out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.flexibility(masses=masses, beyond=beyond)
     return out
 
 
-def _damping(modes: Modes, rigid: bool) -> tuple[Array, Array] | tuple[None, None]:
-    """Damping between modes, a rigid one before them, and its deviations; of normal modes there is none."""
+def _damping(modes: Modes, below: _Written | None, beyond: _Written | None) -> tuple[Array, Array] | tuple[None, None]:
+    """Damping between modes, with those below and above the band, and its deviations; of normal modes there is none."""
     if modes.damping is None or modes.damping_std is None:
         return None, None
-    before = ((int(rigid), 0),) * 2
-    return np.pad(modes.damping, before), np.pad(modes.damping_std, before)
+    around = ((int(below is not None), int(beyond is not None)),) * 2
+    D, std = np.pad(modes.damping, around), np.pad(modes.damping_std, around)
+    if beyond:
+        D[-1, -1] = std[-1, -1] = 4 * np.pi * beyond.ratio[0] * beyond.hz[0]
+    return D, std
 
 
 def _row(values: Iterable[float], digits: int = 9) -> str:

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from hbm.fourier import Array
-from hbm.identification.modalproblem import Problem, covariance_of
+from hbm.identification.beyond import beyond_of
+from hbm.identification.modalproblem import Problem
 from hbm.identification.modes import CERTAIN, Modes
 from hbm.identification.projection import POSITIVE, STEPS, as_reals
 from hbm.measurement.responses import Complex
@@ -201,7 +202,8 @@ class Coupled:
 
     def described(self) -> Modes:
         """Modes in the order of their frequencies, with standard deviations."""
-        covariance = covariance_of(self._slopes()) * self.problem.noise(self.misfit)
+        whole = self.problem.covariance(self._slopes(), self.rest, self.turns, self.misfit)
+        covariance, share = whole[: len(self.x), : len(self.x)], self.problem.together.beyond
         order, middle = np.argsort(self.omega), self.problem.together.middle
         ahead = np.where(self.shapes[self.drive] < 0.0, -1.0, 1.0)  # shapes are written along the force
 
@@ -239,7 +241,15 @@ class Coupled:
             chi2_reduced=self.misfit,
             damping=D[0],
             damping_std=D[1],
+            beyond=beyond_of(self.rest, share, middle, whole, self._of_square) if share else None,
         )
+
+    @property
+    def _of_square(self) -> Indices:
+        """Where the residuals that go with the square of the frequency are among the unknowns, (c,)."""
+        (c, r), q = self.shapes.shape, self.rest.shape[1]
+        first: Indices = r + len(self._places[0]) + c * r + np.arange(c) * q
+        return first + 1
 
 
 def coupled(problem: Problem, x: Array, modes: int, drive: str) -> Coupled | None:

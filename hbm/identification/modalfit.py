@@ -108,9 +108,9 @@ def fit_modes(
     problem = Problem(responses, phase, drive)
     if not problem.together.measured.any():
         raise InputError("modal: no channel moves; must be driven by the force")
-    found = _finished(_searched(problem, modes))
+    found = _finished(_searched(problem, modes), fixed=modes is not None)
     if _doubtful(found):
-        found = _with_delays(found, modes, phase=phase, drive=drive)
+        found = _with_delays(problem, found, modes, phase=phase, drive=drive)
     if not found.modes:
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
     damped = None if drive is None else _damped(found, drive, fixed=modes is not None)
@@ -131,17 +131,29 @@ def _searched(problem: Problem, modes: int | None) -> _Fit:
     return best
 
 
-def _finished(found: _Fit) -> _Fit:
-    """With the error of the force by a fit, and with losses of modes beyond the band where they are asked for."""
+def _finished(found: _Fit, *, fixed: bool) -> _Fit:
+    """With the error of the force by a fit, and what modes beyond the band do where it is asked for."""
     if not found.modes:
         return found
     problem = found.problem.seeking(found.problem.sought)
     if problem.together.by_force.any():
         problem.expect(found.x, found.modes)
         found = found.of(problem)
+    found = _beside_beyond(found, fixed=fixed)
+    problem = found.problem
     lossy = found.of(problem.lossy())
     light = lossy.problem.losses(lossy.x, lossy.modes) < LIGHT
     return lossy if light and lossy.bic < found.bic else _Fit(problem, found.x, found.modes, found.before)
+
+
+def _beside_beyond(found: _Fit, *, fixed: bool) -> _Fit:
+    """With a mode above the band where it is asked for, and fewer in it, where one of those stood for that alone."""
+    best = found
+    for tried in (found, *(() if fixed or found.before is None else (found.before.of(found.problem),))):
+        near = tried.of(tried.problem.beyond(tried.x, tried.modes))
+        near = near.of(near.problem.beyond(near.x, near.modes))
+        best = near if near.bic < best.bic else best
+    return best
 
 
 def _damped(found: _Fit, drive: str, *, fixed: bool) -> Coupled | None:
@@ -173,9 +185,9 @@ def _doubtful(found: _Fit) -> bool:
     return bool((np.abs(found.problem.pulls(found.x, found.modes)) > CERTAIN).any())
 
 
-def _with_delays(plain: _Fit, modes: int | None, *, phase: bool, drive: str | None) -> _Fit:
+def _with_delays(problem: Problem, plain: _Fit, modes: int | None, *, phase: bool, drive: str | None) -> _Fit:
     """The same with delays where they are believed, or a word on a channel that moves against the force."""
-    late = _finished(_searched(plain.problem.late(), modes))
+    late = _finished(_searched(problem.late(), modes), fixed=modes is not None)
     if not late.modes:
         return plain
     sure = late.sure

@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize_scalar
 
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
+from hbm.identification.beyond import beyond_of
 from hbm.identification.modes import Modes
 from hbm.identification.projection import POSITIVE, REST, Projection, as_reals
 from hbm.measurement.responses import Complex, FrequencyResponses
@@ -20,6 +22,9 @@ GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
 
 OUTSIDE, LEAST_RATIO, MOST_RATIO = 1.05, 1e-6, 0.5
 """A pole beyond the band by this factor is no mode of it, nor one with another damping ratio than these."""
+
+FAR, SHARES, CLOSER = 2.0, 8, 1e-4
+"""A mode above the band is at so many times its highest frequency at most; shares tried, and how near to the best."""
 
 LATEST, STEP, LOWEST, FINER = 8.0, 0.125, 16, 6
 """Delays are looked for up to so many periods of the highest frequency, in such steps, and from so many of the lowest
@@ -47,19 +52,51 @@ class Problem:
             np.where(listed, 1.0 / np.where(listed, std, 1.0), 0.0) for std in (responses.own_std, responses.std)
         )
         self.force_error = np.broadcast_to(responses.force_error, omega.shape)[:, None]
-        self.together = Projection(omega, own * motion, own * measured, self.force_error * own * measured)
+        self._measured: Complex = own * measured
+        self.together = Projection(omega, own * motion, self._measured, self.force_error * self._measured)
         self.alone = Projection(omega, alone * motion, alone * measured, np.zeros_like(measured))
         self.points = 2 * int(listed.sum())
 
     def expect(self, x: Array, modes: int) -> None:
-        """What an error of the force does, by a fit: what was measured is large where the force errs that way."""
-        self.together = replace(self.together, by_force=self.force_error * self._answer(self.together, x, modes))
+        """What an error of the force does, by a fit, and that error at each frequency.
+
+        What was measured is large where the force errs that way, and both weights and slopes go with the force that was
+        read: flexibilities would come out small by twice the square of its error. They do not where what is left goes
+        with the force that is most likely beside all channels, which is what total least squares asks for.
+        """
+        answer = self._answer(self.together, x, modes)
+        felt, left = self.force_error * answer, self._measured - answer
+        across = np.sum(felt.conj() * left, axis=1, keepdims=True)
+        force = 1.0 + self.force_error * across / (1.0 + np.sum(np.abs(felt) ** 2, axis=1, keepdims=True))
+        self.together = replace(self.together, by_force=felt, measured=answer + force.conj() * left)
 
     def lossy(self) -> "Problem":
         """The same with damped modes beyond the band."""
         of = copy(self)
         of.together, of.alone = replace(self.together, lossy=True), replace(self.alone, lossy=True)
         return of
+
+    def beyond(self, x: Array, modes: int) -> "Problem":
+        """The same with a mode above the band where it takes most of what is left, beside poles and turns as they are.
+
+        It is at twice the highest frequency at most: what is further is described as well without it.
+        """
+        poles, turns = self.poles(x, modes), self.turns(x)
+        highest = (self.together.middle / self.together.omega[-1]) ** 2
+
+        def at(share: float) -> "Problem":
+            of = copy(self)
+            of.together, of.alone = replace(self.together, beyond=share), replace(self.alone, beyond=share)
+            return of
+
+        def left(share: float) -> float:
+            of = at(share)
+            return of._chi2(of._beside(poles, turns, of.together), modes)
+
+        tried = highest * np.linspace((1.0 / FAR) ** 2, (1.0 / OUTSIDE) ** 2, SHARES)
+        best = int(np.argmin([left(share) for share in tried]))
+        around = tried[max(best - 1, 0)], tried[min(best + 1, SHARES - 1)]
+        return at(float(minimize_scalar(left, bounds=around, method="bounded", options={"xatol": CLOSER * highest}).x))
 
     def late(self) -> "Problem":
         """The same where each channel may come late, wherever it is that moves with the force."""
@@ -217,6 +254,7 @@ class Problem:
 
     def criterion(self, chi2: float, unknowns: int) -> float:
         """Bayesian information criterion of a fit that leaves chi2."""
+        unknowns += self.together.beyond > 0.0
         if unknowns >= self.points:
             return float("inf")
         mean = max(chi2 / self.points, POSITIVE[0])
@@ -241,9 +279,11 @@ class Problem:
 
     def described(self, x: Array, modes: int) -> Modes:
         """Modes in the order of their frequencies, with standard deviations."""
-        covariance = covariance_of(self._slopes(x, modes)) * self.noise(self.misfit(x, modes))
         poles, c, middle = self.poles(x, modes), len(self.driven), self.together.middle
         w, flexibility = 2 * np.pi * poles[:, 0], self.flexibility(x, modes)
+        share, rest = self.together.beyond, flexibility[:, modes:]
+        whole = self.covariance(self._slopes(x, modes), rest, self.turns(x), self.misfit(x, modes))
+        covariance = whole[: len(x), : len(x)]
         place = 2 * modes + np.arange(flexibility.size).reshape(flexibility.shape)
 
         def std(rows: Array) -> Array:
@@ -273,7 +313,15 @@ class Problem:
             delays=turns[1:] / middle,
             delays_std=turns_std[1:] / middle,
             chi2_reduced=self.misfit(x, modes),
+            beyond=beyond_of(rest, share, middle, whole, place[:, modes + 1]) if share else None,
         )
+
+    def covariance(self, slopes: Array, rest: Array, turns: Array, misfit: float) -> Array:
+        """Covariance of unknowns by slopes of what is left, and of the share of a mode above the band beside them."""
+        if self.together.beyond:
+            moved = self.together.turned(turns) * self.together.of_beyond(rest)
+            slopes = np.column_stack([slopes, as_reals(self.together.whitened(-moved)).ravel()])
+        return covariance_of(slopes) * self.noise(misfit)
 
 
 def covariance_of(slopes: Array) -> Array:

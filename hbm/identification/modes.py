@@ -7,11 +7,16 @@ import numpy as np
 from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.identification.beyond import Beyond
 from hbm.measurement.responses import FrequencyResponses
 from models.display import Displayed
 
 CERTAIN = 5.0
 """Standard deviations from which a delay is one."""
+
+
+SURE = 3.0
+"""Standard deviations from which the drive moves with the force in a mode above the band."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,8 @@ class Modes(Displayed):
         Viscous damping between the modes [1/s], where they damp one another; of normal modes there is none but ratios.
     phases_misfit : float or None
         Misfit with phases of each channel in each mode, where that is most of what is left: shapes are not real.
+    beyond : Beyond or None
+        A mode next above the band, where the data ask for it; U and V are what it and all others add at rest.
     """
 
     responses: FrequencyResponses
@@ -59,6 +66,7 @@ class Modes(Displayed):
     damping: Array | None = None
     damping_std: Array | None = None
     phases_misfit: float | None = None
+    beyond: Beyond | None = None
 
     def __len__(self) -> int:
         """Number of modes."""
@@ -88,20 +96,26 @@ class Modes(Displayed):
             f"{names[j]} comes {_beside(self.delays[j], self.delays_std[j])} the force, {advice}" for j in late
         )
 
-    def flexibility(self, masses: bool) -> Array:
+    def flexibility(self, *, masses: bool, beyond: bool) -> Array:
         """The one number of each channel that comes nearest to its residuals in the band, (c,) [m/N].
 
-        In a narrow band the three residual terms are hardly told apart, and one of them alone says nothing.
+        In a narrow band the three residual terms are hardly told apart, and one of them alone says nothing. It is above
+        the static flexibility where a mode next above the band is among what it stands for.
 
         Parameters
         ----------
-        masses : bool
-            Whether what is below the band is told by L; else it is among what the number stands for.
+        masses, beyond : bool
+            Whether what is below the band is told by L, and the mode above it by itself; else they are among what the
+            number stands for.
         """
         squared = (2 * np.pi * self.responses.hz[:, None]) ** 2
         order = np.array([DERIVATIVES[quantity] for quantity in self.responses.channels.values()])
         weight = np.where(np.isfinite(self.responses.H), squared**order / self.responses.std**2, 0.0)
-        rest = self.above + self.beside * squared - (0.0 if masses else self.below / squared)
+        if self.beyond is None:
+            rest = self.above + self.beside * squared
+        else:
+            rest = self.beyond.rest + (0.0 if beyond else self.beyond.answer(squared))
+        rest = rest - (0.0 if masses else self.below / squared)
         return np.asarray(np.sum(weight * rest, axis=0) / np.sum(weight, axis=0))
 
     def shapes(self, drive: str | None) -> tuple[Array, Array, Array]:
@@ -133,6 +147,17 @@ class Modes(Displayed):
         relative = np.hypot(self.A_std / np.abs(self.A), 0.5 * std / own)
         relative[names.index(drive)] = 0.5 * std / own
         return self.A / root, np.abs(self.A / root) * relative, root
+
+    def shape_beyond(self, drive: str | None) -> tuple[Array, float] | None:
+        """Shape of the mode above the band, (c,), and that at the drive, as of :meth:`shapes`; None where none is sure.
+
+        It is one where the drive moves with the force.
+        """
+        if self.beyond is None or drive is None:
+            return None if self.beyond is None else (self.beyond.A, 1.0)
+        at = list(self.responses.channels).index(drive)
+        own, std = self.beyond.A[at], self.beyond.A_std[at]
+        return (self.beyond.A / np.sqrt(own), float(np.sqrt(own))) if own > SURE * std else None
 
 
 def _beside(delay: float, std: float) -> str:

@@ -51,6 +51,8 @@ class Projection:
         What one standard deviation of the force does to the measured, over the standard deviation of each.
     lossy : bool
         Whether modes beyond the band are damped.
+    beyond : float
+        Square of the middle frequency over that of a mode above the band, see :mod:`.beyond`; 0 where none is near.
     free : bool
         Whether flexibilities have phases of their own: every column is there a second time, a quarter of a turn ahead.
 
@@ -63,6 +65,7 @@ class Projection:
     measured: Complex
     by_force: Complex
     lossy: bool = False
+    beyond: float = 0.0
     free: bool = False
 
     @property
@@ -83,7 +86,7 @@ class Projection:
     def _residuals(self) -> Complex:
         """Columns of U, V, L and of losses, with frequencies in units of the middle one: all are flexibilities."""
         x = self.omega / self.middle
-        terms = [np.ones_like(x), x**2, -1.0 / x**2, -1j * x, -1j / x**3]
+        terms = [np.ones_like(x), x**2 / (1.0 - self.beyond * x**2), -1.0 / x**2, -1j * x, -1j / x**3]
         return np.column_stack(terms[: self.rest]).astype(complex)
 
     @cached_property
@@ -104,6 +107,11 @@ class Projection:
         """Responses of modes with a flexibility of 1 each, and of the residuals, (n, q)."""
         columns = np.hstack([self.of_modes(poles), self._residuals])
         return np.hstack([columns, 1j * columns]) if self.free else columns
+
+    def of_beyond(self, rest: Array) -> Complex:
+        """Derivatives of motions to the share of the mode above the band, of residuals (c, q), (n, c)."""
+        x = self.omega / self.middle
+        return np.outer((x**2 / (1.0 - self.beyond * x**2)) ** 2, rest[:, 1]).astype(complex)
 
     def turned(self, turns: Array) -> Complex:
         """Motion (n, c) that is turned."""
