@@ -19,7 +19,7 @@ from models.causes.cause import Cause, candidates_of
 from models.causes.records import ForceDistortion
 from models.causes.sensors import SensorGain
 from models.causes.structure import ContactLoss
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 of few records nothing will explain them; where the first does of
@@ -86,13 +86,11 @@ def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign
 def measurable(cause: Cause, rig: AnyRig, campaign: Campaign) -> bool:
     """Whether what was measured of a rig can speak of a cause: its channels, or the harmonics of the force.
 
-    What the force channel of a rig with one contact reads is asked where the force contradicts the responses; and
-    nothing else where it would not in another unit.
+    Nothing but what the force channel of a rig with one contact reads is asked where it agrees with the responses in
+    another unit.
     """
-    if isinstance(cause, SensorGain) and cause.of_force(rig) and not isinstance(rig, JointedRig):
-        return bool(campaign.data.doubted)
-    if campaign.data.doubted == "unit":
-        return False
+    if campaign.data.other_unit:
+        return isinstance(cause, SensorGain) and cause.of_force(rig)
     if isinstance(cause, ForceDistortion):
         return (campaign.data.distorted or 0.0) > DISTORTED
     unseen = {c.name for c in rig.response_channels} - {*campaign.data.channels}

@@ -18,6 +18,10 @@ from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 
+POWERS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)
+"""A number in place of another one may change with it to one of these powers: a thickness with the square root of a
+modulus, a density with its inverse."""
+
 
 def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:
     """Fit of a model with some of the causes of another one, from where these were found.
@@ -53,6 +57,23 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return [_fitted(model, campaign, start, found.solutions, EXPLAINED * len(found.white))]
     except FAILURES:
         return []
+
+
+def in_place_of(found: Evaluation, number: WrongParameter, campaign: Campaign) -> Evaluation:
+    """Fit of a wrong number in place of the one that is the only cause of a model and acts alike, from where that is.
+
+    Raises
+    ------
+    ConvergenceError, ArithmeticError
+        If there is none.
+    """
+    model, (blamed,) = replace(found.model, causes=(number,)), found.model.causes
+    assert isinstance(blamed, WrongParameter)
+    known = {at: value for at, value in found.values.items() if at[0] < 0}
+    change = found.values[0, "value"] / found.model.nominal.number(blamed.key)
+    now = known.get((-1, number.key), found.model.nominal.number(number.key))
+    starts = [model.at(known | {(0, "value"): now * change**power}) for power in POWERS]
+    return _fitted(model, campaign, best_start(model, campaign, starts, found.solutions)[0][1], found.solutions)
 
 
 def alone(nominal: Evaluation, calibrated: Evaluation, keys: Sequence[str], campaign: Campaign) -> Iterator[Evaluation]:

@@ -32,7 +32,7 @@ from hbm.diagnosis.fullfits import suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import apart, led_to, less_moved, started
+from hbm.diagnosis.restart import apart, in_place_of, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
@@ -40,6 +40,7 @@ from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.fit import fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
+from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
 
@@ -54,6 +55,9 @@ AHEAD = 4
 
 BARE = 2.0
 """Difference of BIC not worth more than a bare mention (Kass and Raftery 1995): what tolerances do comes first."""
+
+ALIKE = 0.99
+"""Cosine of the signatures of two numbers from which on one is tried where the other was found."""
 
 
 class Search(Standing):
@@ -89,7 +93,7 @@ class Search(Standing):
         return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
 
     def _held_in(self, best: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
-        """Causes that a single one contains and that are not among the fits, fitted from where it stands."""
+        """Causes that a single one contains, or that act alike, not among the fits, fitted from where it stands."""
         if len(best.model.causes) > 1:
             return []
         held, known = held_by(best.model.causes[0]), {e.model.label for e in fits}
@@ -100,8 +104,18 @@ class Search(Standing):
             with suppress(*FAILURES):
                 fit = fit_model(model, noise, model.at(best.values | start), best.solutions)
                 again.append(refine(fit, noise))
+        for number in (c for c in self._alike(best.model.causes[0]) if c.label not in known):
+            with suppress(*FAILURES):
+                again.append(in_place_of(best, number, noise))
         self.fitted += again
         return again
+
+    def _alike(self, cause: Cause) -> list[WrongParameter]:
+        """Other numbers of a rig with one contact that look like a wrong one whatever their size."""
+        if self.identified or not isinstance(cause, WrongParameter):
+            return []
+        alike = self.screenings[0].look_alikes(cause.label, ALIKE)
+        return [c for c in self.candidates if isinstance(c, WrongParameter) and c.label in alike]
 
     def _fitted_over(self, model: Model) -> list[Evaluation]:
         """What was fitted over the same rig file as a model: as it is, or calibrated."""

@@ -40,7 +40,7 @@ def in_order(screening: Screening, base: Evaluation) -> list[Score]:
     it, or a friction, stands in for, and every number of the joints of the rig file, which many other joints do. Nor
     does that test foresee what a sensor reads that sits far from its place: of a channel that it favours every number
     runs. A joint of one's own was not scanned, and runs too. What the force channel reads runs before all others, for a
-    first small effect says nothing of a wrong polarity; of a beam it is asked only where it contradicts the responses.
+    first small effect says nothing of a wrong polarity.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:

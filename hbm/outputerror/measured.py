@@ -48,11 +48,9 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     """
     if isinstance(rig, JointedRig):
         return rig, _of_joints(rig, readings(rig, spectra)), ()
-    seen, check = reconstruct_likeliest(rig, spectra)
+    seen, _ = reconstruct_likeliest(rig, spectra)
     data = measurement_of(seen, sensing(seen.rig, spectra))
-    blamed = check.opposite or rig.force_among({fault.channel for fault in check.faults}) is not None
-    doubted = "unit" if seen.unit else "force" if blamed else ""
-    return seen.rig, replace(data, doubted=doubted), seen.warnings
+    return seen.rig, replace(data, other_unit=bool(seen.unit)), seen.warnings
 
 
 def _of_joints(rig: JointedRig, seen: Readings) -> Measurement:

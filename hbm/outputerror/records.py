@@ -93,15 +93,15 @@ class Record:
 class Measurement:
     """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s].
 
-    Of a rig with joints it is any measure of how fast they move, the fastest the largest. `doubted` is "force" where
-    that contradicts the responses, whatever the contact does, "unit" where it does not in another unit of either.
+    Of a rig with joints it is any measure of how fast they move, the fastest the largest. `other_unit` is whether force
+    and responses of a rig with one contact agree in another unit of either alone.
     """
 
     records: tuple[Record, ...]
     channels: tuple[str, ...]
     H: int
     speed: Array
-    doubted: str = ""
+    other_unit: bool = False
 
     @property
     def distorted(self) -> float | None:

@@ -36,8 +36,9 @@ FACTORS: dict[str, tuple[float, ...]] = {
 APART = 0.9
 """Modes do not change places: a frequency may come so far of the way to that of the next mode."""
 
-MOST = 10.0
-"""How many times the nominal value a value may be, or the other way round."""
+MOST, DAMPED = 10.0, 100.0
+"""How many times the nominal value a value may be, or the other way round; and a damping, which is small and not easily
+known."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,11 @@ class WrongParameter(Cause):
         now, accepted = rig.numbers[self.key]
         table, _, name = self.key.rpartition(".")
         beside = {key.removeprefix(f"{table}."): n for key, n in rig.numbers.items() if key.startswith(f"{table}.")}
+        most = DAMPED if self.key.startswith("damping.") else MOST
         if now < 0.0:
-            lower, upper = max(now * MOST, accepted.lower), -now * MOST
+            lower, upper = max(now * most, accepted.lower), -now * most
         else:
-            lower, upper = max(now / MOST, accepted.lower), min(now * MOST, accepted.upper)
+            lower, upper = max(now / most, accepted.lower), min(now * most, accepted.upper)
         if self.key == POSITION:
             upper = NEAREST * accepted.upper
         if accepted.at_least:

@@ -144,6 +144,27 @@ def test_what_a_background_may_hide_is_not_told_apart():
     assert conclusion._ties(one) == []
 
 
+def test_a_number_is_tried_where_one_that_acts_alike_was_found():
+    """A modulus 3.5 % too low: a density explains it, with the modulus at the edge of its tolerance, as do both."""
+    rig, spectra = measured_of({E: 1.035}, snr=50.0)
+    numbers = [WrongParameter(key) for key in (E, "beam.density", "beam.length", "contact.radius")]
+    search = Search(rig, spectra, numbers, None, lambda doing, done: None, None)
+    search.over(search.first)
+    model = search.trust.extended_by(numbers[1])
+    found = fit_model(model, search.campaign, starting(model, search.calibrated, {}), search.calibrated.solutions)
+    assert {c.key for c in search._alike(numbers[1])} == {E}
+    (modulus,) = search._held_in(found, (found,))
+    assert modulus.values[0, "value"] == pytest.approx(1.035 * rig.body.youngs_modulus, rel=1e-3)
+    assert misfit(modulus, search.campaign).fits and evidence(modulus) < evidence(found)
+
+
+def test_a_damping_may_be_wrong_by_a_factor_of_a_hundred():
+    rig = beam(alpha=2.0)
+    (alpha,), (modulus,) = (WrongParameter(key).unknowns(rig) for key in ("damping.mass_proportional", E))
+    assert (alpha.lower, alpha.upper) == pytest.approx((0.02, 200.0))
+    assert modulus.upper == pytest.approx(10.0 * rig.body.youngs_modulus)
+
+
 @pytest.mark.parametrize(("off", "stands_too"), [(1.0015, False), (1.004, True)])
 def test_a_cause_that_a_background_could_be_is_not_believed(off, stands_too):
     """Noise alone is decisively less likely than either wrong radius; the smaller one a background might be."""

@@ -173,21 +173,15 @@ def test_a_force_channel_that_reads_nothing_of_the_force_is_refused() -> None:
         Excitation(1.0, channel_gain=0.0)
 
 
-# ---- a beam with a contact: the force is asked where it contradicts the responses
+# ---- a beam with a contact
 
 BEAM = paper_rig()
 
 
 @cache
-def of_beam() -> MeasuredSpectra:
-    hz = (*np.linspace(46.0, 53.0, 8).tolist(), *np.linspace(150.0, 175.0, 6).tolist())
+def of_beam(bands: int = 2) -> MeasuredSpectra:
+    hz = (*np.linspace(46.0, 53.0, 8).tolist(), *np.linspace(150.0, 175.0, 6).tolist())[: None if bands > 1 else 8]
     return synthesize(BEAM, (3.0, 6.5), hz, snr=60.0, seed=3, harmonics=5).spectra
-
-
-def test_the_force_of_a_beam_is_asked_only_where_it_contradicts_the_responses() -> None:
-    gain = SensorGain("force")
-    for spectra, asked in ((of_beam(), False), (times(of_beam(), 1.3, "force"), True)):
-        assert measurable(gain, BEAM, campaign_of(BEAM, spectra)[0]) is asked
 
 
 @pytest.mark.parametrize("rig", [BEAM, rig_of()], ids=["contact", "joints"])
@@ -199,11 +193,14 @@ def test_what_the_force_reads_runs_first_where_it_is_asked(rig: Rig | JointedRig
     assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), far_off(rig))] == [*drops][::-1]
 
 
-@pytest.mark.parametrize("gain", [1.3, -1.0])
-def test_a_force_of_a_beam_that_reads_a_multiple_is_named(gain: float) -> None:
-    """Of the wrong polarity too: records that the right one has start with their motion turned over."""
+@pytest.mark.parametrize(("gain", "bands"), [(0.92, 1), (1.3, 2), (-1.0, 2)])
+def test_a_force_of_a_beam_that_reads_a_multiple_is_named(gain: float, bands: int) -> None:
+    """Of the wrong polarity too: records that the right one has start with their motion turned over.
+
+    About one mode alone the force does not contradict the responses, and a position of the excitation is close.
+    """
     near = [c for c in all_candidates(BEAM) if c.label in ("added-mass", "parameter:excitation.position")]
-    d = diagnose(BEAM, times(of_beam(), gain, "force"), causes=[*near, SensorGain("force")])
+    d = diagnose(BEAM, times(of_beam(bands), gain, "force"), causes=[*near, SensorGain("force")])
     assert len(near) == 2
     assert (d.verdict, d.cause) == ("cause-found", "sensor-gain")
     assert d.parameters["channel"].value == "force"
