@@ -98,8 +98,8 @@ def fit_modes(
     Raises
     ------
     InputError
-        If the drive is no channel, or moves against the force or is elsewhere, there are too few frequencies, for one mode or for as
-        many as are asked for, or nothing moves.
+        If the drive is no channel, moves against the force or is elsewhere, there are too few frequencies, for one mode
+        or for as many as are asked for, or nothing moves.
     """
     responses.expect_drive(drive)
     n, c = len(responses.hz), len(responses.channels)

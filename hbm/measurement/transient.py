@@ -76,8 +76,8 @@ def _spiky(recorded: Recording, force: str, channels: Mapping[str, str], few: in
         found = spike_from_rest(recorded.time, recorded.channels[name], acts)
         if found is not None:
             yield (
-                f"{name} has a spike at {found.time:.5g} s, {found.size:.3g} times what is beside it, and no force acts "
-                "there: look for a loose plug or a knock, and record again"
+                f"{name} has a spike at {found.time:.5g} s, {found.size:.3g} times what is beside it, and no force acts"
+                " then: look for a loose plug or a knock, and record again"
             )
 
 

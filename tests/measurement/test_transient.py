@@ -155,7 +155,7 @@ def test_spikes_are_named_with_their_time_and_hits_are_none() -> None:
     read = Recording("", good.time, {**good.channels, "a1": ringing}, good.units)
     assert responses_from_rest(good, "force", CHANNELS).warnings == ()
     (said,) = responses_from_rest(read, "force", CHANNELS).warnings
-    assert said.startswith(f"a1 has a spike at {good.time[12000]:.5g} s, ") and "no force acts there" in said
+    assert said.startswith(f"a1 has a spike at {good.time[12000]:.5g} s, ") and "no force acts then" in said
 
 
 @pytest.mark.parametrize("steps", [20, 200, 30_000])
