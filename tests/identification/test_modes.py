@@ -299,6 +299,10 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
         (["--force", "shaker"], f'{file}: channel "shaker" is not in it; channels are force, a1, v2, x3'),
         (["--from", "20", "--to", "20.5"], "modal: 3 frequencies at which the force excites; must be at least 8"),
         (["--drive", "a9", "--from", "15", "--to", "25"], "modal: --drive = a9; must be one of a1, v2, x3"),
+        (
+            ["--from", "3", "--to", "11"],
+            "modal: --from 3 --to 11: frequencies are 15 to 69.9, and in the band if they are in rad/s; must be in Hz",
+        ),
     ):
         result = CliRunner().invoke(app, ["modal", file, "--out", out, *args])
         assert result.exit_code == 2
