@@ -1,13 +1,16 @@
 """Whether measured frequencies are those of the structure: or thousands of times lower, as in kHz, or in rad/s."""
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
+from hbm.measurement.responses import Complex
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig, JointedStructure
+from models.parts import Channel
 from models.plausible import PlausibilityWarning
 
 FAR = 20.0
@@ -16,8 +19,8 @@ FAR = 20.0
 KHZ, BESIDE = 1e3, 2.0
 """They are likely in kHz where they then lie among the modes, but for this factor on either side."""
 
-ALIKE, OTHER, ENOUGH = 0.3, 1.0, 6
-"""Medians of logarithms of ratios up to which responses are alike, and from which they are others, of so many."""
+ALIKE, OTHER, SENSORS = 0.98, 0.9, 3
+"""Modal assurance criteria from which motions are alike, and up to which they are others, of so many sensors."""
 
 
 def warn_far_below(rig: AnyRig, spectra: MeasuredSpectra) -> None:
@@ -42,63 +45,55 @@ def warn_far_below(rig: AnyRig, spectra: MeasuredSpectra) -> None:
 
 
 def warn_in_radians(rig: AnyRig, spectra: MeasuredSpectra) -> None:
-    """Warn of frequencies in rad/s, of the records or of the rig: without its joints it then answers as was measured.
+    """Warn of frequencies in rad/s, of records or rig: sensors then move beside each other as was measured.
+
+    That depends on the frequency, and hardly on joints, damping, units or the force.
 
     Warns
     -----
     models.plausible.PlausibilityWarning
     """
-    measured = _measured(rig, spectra)
+    sensors = [c for c in rig.response_channels if c.name in spectra.channels]
+    if len(sensors) < SENSORS:
+        return
+    measured = np.column_stack([spectra.complex(c.name)[:, 1] for c in sensors])
     turn = 2.0 * np.pi
     as_they_are, of_records, of_rig = (
-        _apart(measured, _answer(rig, spectra, factor, power))
-        for factor, power in ((1.0, 0), (1.0 / turn, 0), (turn, 2))
+        _assurance(measured, _answer(rig, sensors, hz, modes))
+        for hz, modes in ((spectra.hz, 1.0), (spectra.hz / turn, 1.0), (spectra.hz, 1.0 / turn))
     )
-    if as_they_are < OTHER or min(of_records, of_rig) > ALIKE:
+    if as_they_are > OTHER or max(of_records, of_rig) < ALIKE:
         return
     low, high = float(spectra.hz.min()), float(spectra.hz.max())
-    if of_records < of_rig:
+    if of_records > of_rig:
         said = (
-            f"frequency_hz = {low:.4g} to {high:.4g}: the rig answers so at {low / turn:.4g} to {high / turn:.4g} Hz; "
+            f"frequency_hz = {low:.4g} to {high:.4g}: the rig moves so at {low / turn:.4g} to {high / turn:.4g} Hz; "
             "are they in rad/s?"
         )
     else:
         said = (
-            f"the rig answers as was measured at {low:.4g} to {high:.4g} Hz if its modes are 2 pi times lower; are "
+            f"the rig moves as was measured at {low:.4g} to {high:.4g} Hz if its modes are 2 pi times lower; are "
             "their frequencies in rad/s?"
         )
     warnings.warn(f"{spectra.source}: {said}", PlausibilityWarning, stacklevel=3)
 
 
-def _measured(rig: AnyRig, spectra: MeasuredSpectra) -> Array:
-    """Fundamentals of the sensors over the force, (R, c); over its level where it was not measured."""
-    force = rig.force_among(spectra.channels)
-    by = spectra.level if force is None else np.abs(spectra.complex(force)[:, 1])
-    sensors = [c.name for c in rig.response_channels if c.name in spectra.channels]
-    found = np.array([np.abs(spectra.complex(name)[:, 1]) for name in sensors]).reshape(len(sensors), -1).T
-    return np.asarray(found / by[:, None])
-
-
-def _answer(rig: AnyRig, spectra: MeasuredSpectra, factor: float, power: int) -> Array:
-    """What the structure without its joints answers in the sensors at frequencies times a factor, per force (R, c).
-
-    A power of 2 is for modes that are divided by the factor in place of frequencies that are multiplied by it.
-    """
+def _answer(rig: AnyRig, sensors: Sequence[Channel], hz: Array, modes: float) -> Complex:
+    """What the structure without its joints answers in sensors, its natural frequencies times a factor, (R, c)."""
     s, names = rig.structure, [c.name for c in rig.response_channels]
-    sensors = [c for c in rig.response_channels if c.name in spectra.channels]
     if isinstance(s, JointedStructure):
         at, damping = s.channels[[names.index(c.name) for c in sensors]], s.damping.diagonal()
     else:
-        at, damping = np.array([s.channel_rows[c.name] for c in sensors]).reshape(-1, s.n), s.damping
-    w = 2.0 * np.pi * factor * spectra.hz[:, None]
-    moved = np.abs((s.excitation / (s.omega_n**2 - w**2 + 1j * w * damping)) @ at.T)
-    order = np.array([DERIVATIVES[c.quantity] for c in sensors])
-    return np.asarray(moved * w**order * factor ** np.maximum(power - order, 0))
+        at, damping = np.array([s.channel_rows[c.name] for c in sensors]), s.damping
+    w = 2.0 * np.pi * hz[:, None]
+    moved = s.excitation / ((modes * s.omega_n) ** 2 - w**2 + 1j * w * modes * damping)
+    return np.asarray((moved @ at.T) * (1j * w) ** np.array([DERIVATIVES[c.quantity] for c in sensors]))
 
 
-def _apart(measured: Array, answer: Array) -> float:
-    """Median of the logarithm of how far they are apart; infinite of few numbers."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.abs(np.log(measured / answer))
-    logs = logs[np.isfinite(logs)]
-    return float(np.median(logs)) if len(logs) >= ENOUGH else np.inf
+def _assurance(measured: Complex, answer: Complex) -> float:
+    """Modal assurance criterion between two motions (R, c) of the sensors, its median over records."""
+    known = np.isfinite(measured)
+    measured, answer = np.where(known, measured, 0.0), np.where(known, answer, 0.0)
+    across = np.abs(np.sum(answer.conj() * measured, axis=1)) ** 2
+    size = np.sum(np.abs(answer) ** 2, axis=1) * np.sum(np.abs(measured) ** 2, axis=1)
+    return float(np.median(np.divide(across, size, out=np.ones_like(size), where=size > 0.0)))
