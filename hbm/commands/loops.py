@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from hbm.measurement.loopsfile import MeasuredLoop
 
 COMMAND = "loops"
+REVERSED = "reversed sign"
+"""In place of a law: a loop that gives out energy and is left out."""
 
 
 def loops(
@@ -46,9 +48,9 @@ def loops(
     limit = seconds_of(COMMAND, max_seconds)
     from hbm.commands.progress import Work
     from hbm.identification.loops import fit_loop
-    from hbm.measurement.loopsfile import load_loops
+    from hbm.measurement.loopsfile import read_loops
 
-    chosen, found = load_loops(file, loop or ()), []
+    (chosen, giving), found = read_loops(file, loop or ()), []
     with (
         Work() as work,
         within(COMMAND, limit, work.doing, "try fewer samples a cycle, --loop, or a larger --max-seconds"),
@@ -56,15 +58,21 @@ def loops(
         for i, each in enumerate(chosen):
             work.show(each.name, i / len(chosen))
             found.append(fit_loop(each))
-    _deliver(chosen, found, out)
+    _deliver(chosen, found, giving, out)
 
 
-def _deliver(chosen: Sequence["MeasuredLoop"], found: Sequence[Sequence["LoopFit"]], out: Path | None) -> None:
+def _deliver(
+    chosen: Sequence["MeasuredLoop"],
+    found: Sequence[Sequence["LoopFit"]],
+    giving: Sequence["MeasuredLoop"],
+    out: Path | None,
+) -> None:
     import numpy as np
 
     from hbm.commands.tables import print_lines
     from hbm.files.outputs import columns_of, columns_text
     from hbm.identification.loops import NAMES
+    from hbm.measurement.loopsfile import reversed_sign
     from hbm.textfiles import write_together
 
     if out is not None:
@@ -76,6 +84,8 @@ def _deliver(chosen: Sequence["MeasuredLoop"], found: Sequence[Sequence["LoopFit
             + [part.get(name, np.nan) for name in NAMES for part in (fit.values, fit.stds)]
             for loop, fit in entries
         ]
+        none = [np.nan] * 2 * len(NAMES)
+        rows += [[each.name, REVERSED, np.nan, "", np.nan, np.nan, each.work, *none] for each in giving]
         write_together({out: columns_text(columns_of(headings, rows))})
     best = [fits[0] for fits in found]
     _tables([each.name for each in chosen], best)
@@ -85,6 +95,7 @@ def _deliver(chosen: Sequence["MeasuredLoop"], found: Sequence[Sequence["LoopFit
         [
             f"energy off by {np.median(errors):.1%} in the median, {errors.max():.1%} at most; "
             f"within 5 % in {int(np.sum(errors < 0.05))} of {len(errors)} loops",
+            *(f"warning: {each.name}: {reversed_sign(each)}; left out" for each in giving),
             *(
                 f"warning: {each.name}: {note}"
                 for each, fit in zip(chosen, best, strict=True)

@@ -97,7 +97,7 @@ def modal(
     from hbm.textfiles import write_together
 
     responses, level = _responses(measured, force, quantity or (), records, floor, transient=transient)
-    responses = responses.between(*band) if band else responses
+    responses = _within(responses, band) if band else responses
     with within(
         COMMAND,
         limit,
@@ -109,6 +109,19 @@ def modal(
     write_together({out: text})
     _print(found, driven=drive is not None)
     print_written([out])
+
+
+def _within(responses: "FrequencyResponses", band: tuple[float, float]) -> "FrequencyResponses":
+    """Those in a band of frequencies, refused where they are in it once they are taken for rad/s."""
+    from math import tau
+
+    found, (low, high) = responses.between(*band), band
+    if not len(found.hz) and len(responses.between(tau * low, tau * high).hz):
+        raise InputError(
+            f"{COMMAND}: --from {low:g} --to {high:g}: frequencies are {responses.hz[0]:.4g} to "
+            f"{responses.hz[-1]:.4g}, and in the band if they are in rad/s; must be in Hz"
+        )
+    return found
 
 
 def _responses(

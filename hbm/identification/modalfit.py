@@ -40,6 +40,9 @@ CLOSE = 1.5
 """Misfit above which what the channels ask for is not small, and one step does not tell their delays."""
 
 
+PART = 0.1
+"""A channel moves in a mode by this part of that which moves most, at least, where its sign says where the force is."""
+
 TAKEN = 0.5
 """Delays are believed that take at least this part of what a fit without them leaves beyond the noise."""
 
@@ -95,8 +98,8 @@ def fit_modes(
     Raises
     ------
     InputError
-        If the drive is no channel or moves against the force, there are too few frequencies, for one mode or for as
-        many as are asked for, or nothing moves.
+        If the drive is no channel, moves against the force or is elsewhere, there are too few frequencies, for one mode
+        or for as many as are asked for, or nothing moves.
     """
     responses.expect_drive(drive)
     n, c = len(responses.hz), len(responses.channels)
@@ -111,6 +114,8 @@ def fit_modes(
     found = _finished(_searched(problem, modes), fixed=modes is not None)
     if _doubtful(found):
         found = _with_delays(problem, found, modes, phase=phase, drive=drive)
+    if drive is not None and (found.misfit > CLOSE or not responses.sized):
+        _expect_there(_finished(_searched(Problem(responses, phase, None), modes), fixed=modes is not None), drive)
     if not found.modes:
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
     damped = None if drive is None else _damped(found, drive, fixed=modes is not None)
@@ -218,3 +223,22 @@ def _expect_along(found: _Fit, drive: str) -> None:
             f"modal: {drive} moves against the force in all {found.modes} modes: its sign, or that of the force, is "
             "reversed; must be at the place of the force, along it: turn the sign of one of the two in the file"
         )
+
+
+def _expect_there(anywhere: _Fit, drive: str) -> None:
+    """Refuse a drive that moves with the force in some of the modes found wherever it is, and against it in others."""
+    if not anywhere.modes:
+        return
+    found, names = anywhere.problem.described(anywhere.x, anywhere.modes), list(anywhere.problem.responses.channels)
+    sure = CERTAIN * found.A_std < np.abs(found.A)
+    counts = sure & (np.abs(found.A) > PART * np.abs(found.A).max(axis=0))
+    against = counts & (found.A < 0.0)
+    own = names.index(drive)
+    if not against[own].any() or not (counts & ~against)[own].any():
+        return
+    along = [name for name, some, turned in zip(names, counts, against, strict=True) if some.any() and not turned.any()]
+    other = f"; {' and '.join(along)} {'does' if len(along) == 1 else 'do'}" if along else "; no other channel does"
+    raise InputError(
+        f"modal: {drive} moves against the force at {', '.join(f'{hz:.4g}' for hz in found.hz[against[own]])} Hz and "
+        f"with it in other modes; --drive must be at the place of the force and move with it in all{other}"
+    )

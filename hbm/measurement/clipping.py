@@ -19,6 +19,9 @@ BAND, BESIDE, ROUGHLY = 8.0, 4.0, 2.5
 samples at the top over those beside it, at least. Any other top is a parabola, of which there are as many; of one that
 begins with a fourth power there are 2.4 times as many."""
 
+SAME = 3
+"""Samples of one value at an extreme, at least, where the noise makes values differ: hits are over in a few samples."""
+
 
 def clipped(values: Array) -> bool:
     """Whether a channel is flat-topped: far more samples at its extreme than at the value next to it."""
@@ -44,7 +47,15 @@ def clipped_from_rest(values: Array, noise: float) -> bool:
     noise : float
         Standard deviation at rest.
     """
-    return any(_flat(side, noise) for side in (values, -values))
+    fine = 0.0 < float(np.diff(np.unique(values)).min(initial=np.inf)) < noise
+    return any(_flat(side, noise) or (fine and _stuck(side, noise)) for side in (values, -values))
+
+
+def _stuck(values: Array, noise: float) -> bool:
+    """Whether the largest values are one, and few are beside it, in spite of noise that the converter resolves."""
+    highest = float(values.max())
+    same, near = (int(np.sum(highest - values < within)) for within in (RESOLVED * highest, BAND * noise))
+    return same >= max(SAME, ROUGHLY * (near - same))
 
 
 def _flat(values: Array, noise: float) -> bool:

@@ -1,5 +1,6 @@
 """Loops files: displacement imposed on a friction device and the force it took, docs/reference/data_files.md."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from hbm.fourier import Array
 from hbm.measurement.cycles import cycles_in
 from hbm.measurement.recording import recording
 from hbm.textfiles import StrPath, read_columns
+from models.plausible import PlausibilityWarning
 
 COLUMNS = ("loop", "time_s", "displacement_m", "force_n")
 FEWEST = 32
@@ -51,6 +53,11 @@ class MeasuredLoop:
     notes: tuple[str, ...] = ()
 
     @property
+    def gives(self) -> bool:
+        """Whether it gives out energy, which no friction does: force or displacement is of reversed sign."""
+        return self.work < -GIVEN * float(np.ptp(self.force) * np.ptp(self.displacement))
+
+    @property
     def work(self) -> float:
         """Energy that the device takes, first sample to last and back to the first [J]."""
         x, F = (np.append(values, values[0]) for values in (self.displacement, self.force))
@@ -59,6 +66,8 @@ class MeasuredLoop:
 
 def load_loops(path: StrPath, only: Sequence[str] = ()) -> list[MeasuredLoop]:
     """Read a loops file.
+
+    Loops that give out energy are left out where they are fewer than the others.
 
     Parameters
     ----------
@@ -77,8 +86,26 @@ def load_loops(path: StrPath, only: Sequence[str] = ()) -> list[MeasuredLoop]:
     ------
     InputError
         If a column or a loop is missing, an entry is no number, time does not increase, or a loop is too short, no
-        whole cycle, or has a force of one sign or of the wrong one.
+        whole cycle, or has a force of one sign; or if half of the loops have a force of the wrong sign.
+
+    Warns
+    -----
+    models.plausible.PlausibilityWarning
+        Of each loop that is left out.
     """
+    kept, reversed_ = read_loops(path, only)
+    for loop in reversed_:
+        warnings.warn(f"{path}: loop {loop.name}: {reversed_sign(loop)}; left out", PlausibilityWarning, stacklevel=2)
+    return kept
+
+
+def reversed_sign(loop: MeasuredLoop) -> str:
+    """What is said of a loop that gives out energy."""
+    return f"force_n gives out {-loop.work:.4g} J, as where it or displacement_m is of reversed sign"
+
+
+def read_loops(path: StrPath, only: Sequence[str] = ()) -> tuple[list[MeasuredLoop], list[MeasuredLoop]]:
+    """Loops of a file, and those that are left out of it, see :func:`load_loops`."""
     found: dict[str, list[list[float]]] = {}
     for where, (loop, *numbers) in read_columns(path, "a loops file (CSV)", COLUMNS):
         try:
@@ -91,7 +118,14 @@ def load_loops(path: StrPath, only: Sequence[str] = ()) -> list[MeasuredLoop]:
     if missing is not None:
         raise InputError(f"{path}: no loop {missing}; loops are {', '.join(found)}")
     asked = {name: table for name, table in found.items() if not only or name in only}
-    return [_loop(f"{path}: loop {name}", name, np.array(table).T) for name, table in asked.items()]
+    loops = [_loop(f"{path}: loop {name}", name, np.array(table).T) for name, table in asked.items()]
+    kept, giving = [loop for loop in loops if not loop.gives], [loop for loop in loops if loop.gives]
+    if len(giving) >= max(len(kept), 1):
+        raise InputError(
+            f"{path}: loop {giving[0].name}: force_n gives out {-giving[0].work:.4g} J, as one of reversed sign does; "
+            "must be the force on the device along displacement_m, which takes energy"
+        )
+    return kept, giving
 
 
 def _loop(where: str, name: str, columns: Array) -> MeasuredLoop:
@@ -107,13 +141,7 @@ def _loop(where: str, name: str, columns: Array) -> MeasuredLoop:
             f"{where}: force_n is {force.min():.4g} to {force.max():.4g} N, of one sign throughout; must resist both "
             "ways: take the zero of the load cell off"
         )
-    loop = _whole(where, MeasuredLoop(name, checked.time, x, force))
-    if loop.work < -GIVEN * np.ptp(force) * np.ptp(x):
-        raise InputError(
-            f"{where}: force_n gives out {-loop.work:.4g} J, as one of reversed sign does; must be the force on the "
-            "device along displacement_m, which takes energy"
-        )
-    return loop
+    return _whole(where, MeasuredLoop(name, checked.time, x, force))
 
 
 def _whole(where: str, loop: MeasuredLoop) -> MeasuredLoop:

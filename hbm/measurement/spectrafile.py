@@ -28,7 +28,7 @@ from hbm.measurement.exchange import (
     npz_rows,
     uff_bytes,
 )
-from hbm.measurement.inband import warn_far_below
+from hbm.measurement.inband import warn_far_below, warn_in_radians
 from hbm.measurement.repeatability import with_std
 from hbm.measurement.spectra import AT, MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, expect_file, read_rows, write_together
@@ -108,7 +108,7 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     Warns
     -----
     models.plausible.PlausibilityWarning
-        Of frequencies that look as if in kHz.
+        Of frequencies that look as if in kHz or in rad/s.
     """
     if rig is not None:
         expect_rig(rig, "load_spectra", joints=True)
@@ -125,6 +125,7 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     _refuse_copies(spectra)
     if rig is not None:
         warn_far_below(rig, spectra)
+        warn_in_radians(rig, spectra)
     return with_std(rig, spectra, repeatability)
 
 

@@ -4,7 +4,7 @@ The spectrum of all that a structure did is its response times that of all that 
 recording and without a window: nothing leaks, no damping is added, and hits may follow each other before all is still.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from scipy import fft
@@ -13,6 +13,7 @@ from hbm.errors import InputError
 from hbm.measurement.clipping import clipped_from_rest, flat_topped
 from hbm.measurement.recording import Recording
 from hbm.measurement.responses import SHARP, Complex, FrequencyResponses
+from hbm.measurement.spikes import spike_from_rest
 
 REST, FEW = 0.02, 20
 """At rest is the first and last part of a recording, of so many samples at least."""
@@ -22,6 +23,9 @@ STILL = 0.01
 
 DRIVEN = 0.1
 """Lines are used at which the force is at least this part of its largest line."""
+
+SENT = 6.0
+"""Standard deviations at rest from which a force acts."""
 
 LEAST = 1e-9
 """Least noise of a channel, of its largest value."""
@@ -53,14 +57,28 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     there[0] = False
     kept = np.flatnonzero(there)
     moved = [lines[name] for name in channels]
+    said = [flat_topped(name) for name, (*_, flat) in lines.items() if flat]
     return FrequencyResponses(
         kept / (recorded.step * len(recorded.time)),
         dict(channels),
         np.column_stack([Y[kept] / X[kept] for Y, *_ in moved]),
         np.column_stack([noise / size[kept] for _, noise, _ in moved]),
         force_noise / size[kept],
-        warnings=tuple(flat_topped(name) for name, (*_, flat) in lines.items() if flat),
+        warnings=(*said, *_spiky(recorded, force, channels, few)),
     )
+
+
+def _spiky(recorded: Recording, force: str, channels: Mapping[str, str], few: int) -> Iterator[str]:
+    """Channels with spikes while no force acts."""
+    read = recorded.channels[force] - recorded.channels[force][:few].mean()
+    acts = np.abs(read) > max(SENT * float(np.std(read[:few])), STILL * float(np.abs(read).max()))
+    for name in channels:
+        found = spike_from_rest(recorded.time, recorded.channels[name], acts)
+        if found is not None:
+            yield (
+                f"{name} has a spike at {found.time:.5g} s, {found.size:.3g} times what is beside it, and no force acts"
+                " then: look for a loose plug or a knock, and record again"
+            )
 
 
 def _expect_complete(recorded: Recording, names: tuple[str, ...]) -> None:

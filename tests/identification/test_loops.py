@@ -12,6 +12,7 @@ from hbm.errors import InputError
 from hbm.identification import loops as fitting
 from hbm.identification.loops import LAWS, fit_loop
 from hbm.measurement.loopsfile import MeasuredLoop, load_loops
+from models.plausible import PlausibilityWarning
 
 SAMPLES, HZ, X = 240, 0.5, 0.02
 KNOWN = {"stiffness": 5e6, "forward": 12e3, "backward": 9e3, "backlash": 4e-3}
@@ -209,6 +210,22 @@ def test_a_loop_that_is_none_does_not_hide_the_others(tmp_path: Path) -> None:
     assert [one.name for one in load_loops(file, ["steady"])] == ["steady"]
     result = CliRunner().invoke(app, ["loops", str(file), "--loop", "steady"])
     assert result.exit_code == 0, result.output
+
+
+def test_one_loop_of_reversed_sign_among_others_is_left_out_and_said_to_be_so(tmp_path: Path) -> None:
+    file, known = tmp_path / "l.csv", steady()
+    loops = [known, replace(known, name="turned", force=-known.force), replace(known, name="again")]
+    tables = [written(tmp_path / f"{one.name}.csv", one).read_text().splitlines() for one in loops]
+    file.write_text("\n".join([tables[0][0], *(line for table in tables for line in table[1:])]) + "\n")
+    with pytest.warns(
+        PlausibilityWarning, match=r"loop turned: force_n gives out 0.5\d* J, .* reversed sign; left out"
+    ):
+        assert [one.name for one in load_loops(file)] == ["steady", "again"]
+    result = CliRunner().invoke(app, ["loops", str(file), "--out", str(tmp_path / "laws.csv")])
+    assert result.exit_code == 0, result.output
+    assert "warning: turned: force_n gives out 0.5" in result.stdout
+    (row,) = (line for line in (tmp_path / "laws.csv").read_text().splitlines() if line.startswith("turned"))
+    assert row.startswith("turned,reversed sign,,,,,-0.5") and not row.split(",", 7)[7].strip(",")
 
 
 def test_samples_beyond_whole_cycles_are_left_out(tmp_path: Path) -> None:

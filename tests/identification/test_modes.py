@@ -176,6 +176,17 @@ def test_a_drive_that_is_not_there_is_refused_before_any_fit() -> None:
         fit_modes(noisy(0), drive="a9")
 
 
+def test_a_drive_that_is_not_where_the_force_acts_is_refused_and_the_channel_that_is_named() -> None:
+    with pytest.raises(InputError, match=r"v2 moves against the force at 31, 55 Hz and with it in other .*; a1 does$"):
+        fit_modes(noisy(0), drive="v2")
+    elsewhere = noisy(0)
+    with pytest.raises(InputError, match=r"x3 moves against the force at 20 Hz and .*; no other channel does$"):
+        fit_modes(
+            FrequencyResponses(AT, {"v2": "velocity", "x3": "displacement"}, elsewhere.H[:, 1:], elsewhere.std[:, 1:]),
+            drive="x3",
+        )
+
+
 def test_few_frequencies_next_to_five_modes_tell_all_of_them() -> None:
     """None of the modes explains much before all of them are there."""
     f, ratio = np.array([22.0, 47.0, 48.1, 95.0, 140.0]), np.array([0.002, 0.003, 0.0025, 0.004, 0.003])
@@ -288,6 +299,10 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
         (["--force", "shaker"], f'{file}: channel "shaker" is not in it; channels are force, a1, v2, x3'),
         (["--from", "20", "--to", "20.5"], "modal: 3 frequencies at which the force excites; must be at least 8"),
         (["--drive", "a9", "--from", "15", "--to", "25"], "modal: --drive = a9; must be one of a1, v2, x3"),
+        (
+            ["--from", "3", "--to", "11"],
+            "modal: --from 3 --to 11: frequencies are 15 to 69.9, and in the band if they are in rad/s; must be in Hz",
+        ),
     ):
         result = CliRunner().invoke(app, ["modal", file, "--out", out, *args])
         assert result.exit_code == 2

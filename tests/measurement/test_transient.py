@@ -134,6 +134,30 @@ def test_a_channel_that_is_clipped_is_named_also_under_the_noise_of_what_comes_a
         assert responses_from_rest(read, "force", CHANNELS).warnings == (f"{name} is flat-topped: was it clipped?",)
 
 
+def test_a_channel_that_is_clipped_for_few_samples_is_named() -> None:
+    """What rises fast is beside its limit in two samples of each hit: they are no run, but all are of one value."""
+    good, rng = hits(0), np.random.default_rng(3)
+    short = np.zeros(len(good.time))
+    for begin in (1000, 5000, 9000):
+        short[begin : begin + 5] = np.array([0.2, 0.7, 1.0, 0.8, 0.3]) * rng.uniform(90.0, 100.0)
+    noisy = short + 0.05 * rng.standard_normal(len(short))
+    for limit, clipped in ((1e3, ()), (60.0, ("force is flat-topped: was it clipped?",))):
+        read = {**good.channels, "force": np.clip(np.round(noisy, 3), -limit, limit)}
+        assert responses_from_rest(Recording("", good.time, read, good.units), "force", CHANNELS).warnings == clipped
+
+
+def test_spikes_are_named_with_their_time_and_hits_are_none() -> None:
+    """Of 5 % of the largest motion, while it rings; the largest is told."""
+    good = hits(1)
+    ringing = good.channels["a1"].copy()
+    for at, size in ((9000, 0.04), (12000, -0.05)):
+        ringing[at] += size * np.abs(ringing).max()
+    read = Recording("", good.time, {**good.channels, "a1": ringing}, good.units)
+    assert responses_from_rest(good, "force", CHANNELS).warnings == ()
+    (said,) = responses_from_rest(read, "force", CHANNELS).warnings
+    assert said.startswith(f"a1 has a spike at {good.time[12000]:.5g} s, ") and "no force acts then" in said
+
+
 @pytest.mark.parametrize("steps", [20, 200, 30_000])
 def test_hits_on_a_coarse_converter_are_not_clipped(steps: int) -> None:
     t = np.arange(40_000) / 2000.0
