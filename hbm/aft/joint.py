@@ -125,6 +125,12 @@ class JointOverPeriod(SteadyPeriod):
         return np.asarray(carried.full()[: self.law.states, 0]), first.copy()
 
     @property
+    def conservative(self) -> bool:
+        """Whether the force follows from the displacement alone: what the body gives it comes back within a period."""
+        alone = not self.functions.memory and not self.functions.timed and set(self.functions.reads) <= {0}
+        return self.ports == 1 and alone
+
+    @property
     def undying(self) -> int:
         """How many disturbances of the memory return undiminished where the motion is held: anchors that stick."""
         return undying(self._transitions)
