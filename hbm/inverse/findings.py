@@ -83,11 +83,11 @@ def disagreement(base: Readings, left_out: bool) -> Iterator[str]:
     low, high = special.chdtr(stated.dof, stated.chi2), special.chdtrc(everyone.dof, everyone.chi2)
     if min(low, high) > CONSISTENT:
         return
-    scatter = "standard deviations: the sensors scatter {} times what is stated, all alike; stated too {}"
+    scatter = "standard deviations of {}: the sensors scatter {} times what is stated, all alike; stated too {}"
     if low < high:
-        yield scatter.format(_times(stated), "large")
+        yield scatter.format(base.seen.spectra.noise, _times(stated), "large")
     elif _alike(base):
-        yield scatter.format(_times(everyone), "small")
+        yield scatter.format(base.seen.spectra.noise, _times(everyone), "small")
     else:
         yield (
             f"the sensors contradict the structure{' still' if left_out else ''}: misfit {reduced:.3g} per degree of "

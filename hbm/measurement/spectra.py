@@ -50,6 +50,8 @@ class MeasuredSpectra(Displayed):
         Names of the records where they are no numbers, by number less one; of a selection too, those of all.
     assumed : tuple of str
         Channels in which a repeatability that was stated stands in for standard deviations that are not given.
+    unrepeatable : tuple of str
+        Channels whose standard deviations hold what does not repeat beside the noise.
     """
 
     source: str
@@ -62,6 +64,7 @@ class MeasuredSpectra(Displayed):
     notes: tuple[tuple[int, str], ...] = ()
     names: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+    unrepeatable: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Summary in words."""
@@ -78,6 +81,11 @@ class MeasuredSpectra(Displayed):
     def H(self) -> int:
         """Highest harmonic listed."""
         return int(self.std.shape[2]) - 1
+
+    @property
+    def noise(self) -> str:
+        """What its standard deviations are of, in words."""
+        return "noise and what does not repeat" if self.assumed or self.unrepeatable else "noise"
 
     @property
     def labels(self) -> npt.NDArray[Any]:
