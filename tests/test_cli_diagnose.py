@@ -370,6 +370,14 @@ def test_a_model_without_steady_states_on_records_held_out_has_no_error_there() 
 
 
 @pytest.mark.usefixtures("mass")
+def test_what_does_not_repeat_is_no_noise_alone_and_is_not_asked_for_again() -> None:
+    counted, left = "noise and what does not repeat", replace(FOUND[0].remainder, structured=True)
+    assert answers(noise=counted)["Gain"].endswith(f" by {counted} alone.")
+    assert "What does not repeat is stated with" in answers(remainder=left)["What to measure next"]
+    assert "beyond what counts already" in answers(remainder=left, noise=counted)["What to measure next"]
+
+
+@pytest.mark.usefixtures("mass")
 def test_unexplained_says_where_to_look() -> None:
     errors = {name: FOUND[0].errors[name] for name in ("nominal", "calibrated")}
     said = answers(verdict="unexplained", remainder=LEFT, errors=errors, **WITHOUT)

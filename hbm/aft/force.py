@@ -11,7 +11,8 @@ import numpy as np
 
 from hbm.aft.period import DT, law_functions
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import NEUTRAL, Loop, monodromy
+from hbm.aft.recurrence import Loop, undying
+from hbm.aft.slopes import Slopes
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
@@ -111,10 +112,7 @@ class LawSteps:
     @cached_property
     def undying(self) -> int:
         """How many disturbances of the states return undiminished where the motion is held: anchors that stick."""
-        transitions = self.by_states[:, 1:]
-        if transitions.shape[2] == 0:
-            return 0
-        return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(transitions))) >= 1.0 - NEUTRAL))
+        return undying(self.by_states[:, 1:])
 
 
 class LawOverPeriod(SteadyPeriod):
@@ -186,7 +184,7 @@ class LawOverPeriod(SteadyPeriod):
         by: dict[int, Array] = {}
         now, before, ever = shown(basis)
         inputs = [now if i < DT else before if i > DT else ever for i in self.functions.active]
-        projections = projected(self._local, 1, basis, inputs, self._first_period)
+        projections = projected(self._local, basis, inputs, self._first_period)
         for i, (slope,) in zip(self.functions.active, projections, strict=True):
             i = i if i <= DT else i - DT - 1
             by[i] = by[i] + slope if i in by else slope
@@ -209,14 +207,13 @@ class LawOverPeriod(SteadyPeriod):
     def steps(self, signals: Array, Omega: float, environment: Environment) -> "LawSteps":
         """Derivatives of every sample of the steady force; arguments as :meth:`force`."""
         self.shown(signals, Omega, environment)
-        n_z, N_t = self.functions.states, self.basis.N_t
-        local = self._local.copy()
+        n_z, N_t, by_inputs = self.functions.states, self.basis.N_t, self._local.by_inputs
         now, before = (np.zeros((N_t, 1 + n_z, len(SIGNALS))) for _ in range(2))
-        for at, i in enumerate(self.functions.active, start=n_z):
+        for at, i in enumerate(self.functions.active):
             if i != DT:  # a perturbation does not change the time between samples
                 inputs, column = (now, i) if i < DT else (before, i - DT - 1)
-                inputs[:, :, column] = local[:, :, at]
-        return LawSteps(self._forces.copy(), local[:, :, :n_z], now, before)
+                inputs[:, :, column] = by_inputs[:, :, at]
+        return LawSteps(self._forces.copy(), self._local.by_states, now, before)
 
     def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
         """Change of the force at the samples with everything that it depends on, (N_t, p).
@@ -224,18 +221,18 @@ class LawOverPeriod(SteadyPeriod):
         Marches forwards, for few changes and all samples; :meth:`linearize` for few outputs and all signals.
         """
         self.shown(signals, Omega, environment)
-        evaluate, (_, _, local, _) = buffered(self.functions.tangent(), self._inputs)
+        evaluate, (_, _, table, _) = buffered(self.functions.tangent(), self._inputs)
         evaluate()
-        local = local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
+        local = self._unpacked(table, self.functions)
 
-        def virgin() -> Array:
+        def virgin() -> Slopes:
             steady = self._carried.copy()
             self._carried[:] = 0.0
             evaluate()
             self._carried[:] = steady
             return local
 
-        return Loop(local.copy(), 1, virgin).changed(self._sampled(signals, Omega, change))[:, 0]
+        return Loop(local.copy(), virgin).changed(self._sampled(signals, Omega, change))[:, 0]
 
     def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
         """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""

@@ -11,7 +11,8 @@ import numpy as np
 
 from hbm.aft.jointstep import ENVIRONMENT, JointFunctions, joint_functions, signals_of, values
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import NEUTRAL, Loop, monodromy
+from hbm.aft.recurrence import Loop, undying
+from hbm.aft.slopes import Slopes
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
@@ -124,11 +125,15 @@ class JointOverPeriod(SteadyPeriod):
         return np.asarray(carried.full()[: self.law.states, 0]), first.copy()
 
     @property
+    def conservative(self) -> bool:
+        """Whether the force follows from the displacement alone: what the body gives it comes back within a period."""
+        alone = not self.functions.memory and not self.functions.timed and set(self.functions.reads) <= {0}
+        return self.ports == 1 and alone
+
+    @property
     def undying(self) -> int:
         """How many disturbances of the memory return undiminished where the motion is held: anchors that stick."""
-        if not self.functions.memory:
-            return 0
-        return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(self._transitions))) >= 1.0 - NEUTRAL))
+        return undying(self._transitions)
 
     # ---- derivatives
 
@@ -138,7 +143,7 @@ class JointOverPeriod(SteadyPeriod):
         f = self.shown(signals, Omega)[0].copy()
         (now, before, ever), reads, timed = shown(basis), self.functions.reads, self.functions.timed
         inputs = [*(now if i < all_signals else before for i in reads), *([ever] if timed else [])]
-        by_inputs = projected(self._local, m, basis, inputs, self._first_period)
+        by_inputs = projected(self._local, basis, inputs, self._first_period)
         found: dict[int, Array] = {}
         for by, i in zip(by_inputs, reads, strict=False):  # the time between samples comes last
             i = i % all_signals
@@ -168,24 +173,22 @@ class JointOverPeriod(SteadyPeriod):
             Changes of the law's parameters, and of the compliance that it takes into account.
         """
         self.shown(signals, Omega)
-        m, n, basis = self.ports, self.functions.memory, self.basis
-        held = self._slopes.shape[2]
-        evaluate, (_, _, local, _) = buffered(self.functions.by_numbers, self._inputs)
+        numbered = slice(self._slopes.outputs_by_inputs.shape[2], None)
+        evaluate, (_, _, table, _) = buffered(self.functions.by_numbers, self._inputs)
 
-        def read() -> Array:
+        def read() -> Slopes:
             evaluate()
-            table = local.reshape(basis.N_t, m + n, -1)
-            return np.concatenate([table[:, :, :n], table[:, :, held:]], axis=2)
+            return self._unpacked(table, self.functions).to(numbered).copy()
 
-        def virgin() -> Array:
+        def virgin() -> Slopes:
             kept = self._carried.copy()
             self._carried[:] = 0.0
             found = read()
             self._carried[:] = kept
             return found
 
-        inputs = np.broadcast_to(numbers, (basis.N_t, *numbers.shape))
-        return basis.coefficients(Loop(read(), m, virgin).changed(inputs))
+        inputs = np.broadcast_to(numbers, (self.basis.N_t, *numbers.shape))
+        return self.basis.coefficients(Loop(read(), virgin).changed(inputs))
 
     def alike(self, signals: Array, Omega: float) -> Array | None:
         """Slopes (m, 2 m + 1) of the forces to the signals, where they are the same at all samples and nothing is kept.
@@ -195,10 +198,11 @@ class JointOverPeriod(SteadyPeriod):
         if self.functions.memory or self.functions.timed:
             return None
         self.shown(signals, Omega)
-        if np.any(self._local != self._local[0]):
+        by_inputs = self._local.outputs_by_inputs
+        if np.any(by_inputs != by_inputs[0]):
             return None
         found = np.zeros((self.ports, signals_of(self.ports)))
-        found[:, list(self.functions.reads)] = self._local[0]
+        found[:, list(self.functions.reads)] = by_inputs[0]
         return found
 
     def pushed(self, signals: Array, Omega: float, change: Array) -> Array:
@@ -222,6 +226,6 @@ class JointOverPeriod(SteadyPeriod):
         for at, i in enumerate(self.functions.reads):
             inputs[:, at] = (now, before)[i // all_signals][i % all_signals]
         if self._loop is None:
-            n = self.functions.memory + len(self.functions.reads)  # the time between samples, which is held, comes last
-            self._loop = Loop(self._local[:, :, :n], m, lambda: self._first_period()[:, :, :n])
+            moving = slice(len(self.functions.reads))  # the time between samples, which is held, comes last
+            self._loop = Loop(self._local.to(moving), lambda: self._first_period().to(moving))
         return basis.coefficients(self._loop.changed(inputs))

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.period import unrolled
+from hbm.aft.slopes import packed
 from models.joints.law import Form, JointLaw, JointSample, form, numbers, of_form, with_symbols
 
 ENVIRONMENT = ("dt", "C")
@@ -114,6 +115,8 @@ class JointFunctions:
         Which signals (of the sample, then of the one before) the law depends on.
     timed : bool
         Whether it depends on the time between samples.
+    apart : bool
+        Whether no state acts on another one; slopes are stored as :func:`hbm.aft.slopes.packed` leaves them.
     sample : (carried, signals before, signals, environment, p) -> carried
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (forces, gap, carried)
@@ -126,6 +129,7 @@ class JointFunctions:
     memory: int
     reads: tuple[int, ...]
     timed: bool
+    apart: bool
     sample: ca.Function
     march: ca.Function
     force: ca.Function
@@ -161,12 +165,13 @@ def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointF
         )
 
     def with_derivatives(to: Any) -> ca.Function:
-        return unrolled(stepped(step.f, gap, ca.densify(ca.vec(step.slopes(to).T))), N_t)
+        return unrolled(stepped(step.f, gap, packed(step.slopes(to), step.ports)[0]), N_t)
 
     return JointFunctions(
         memory=step.memory.numel(),
         reads=step.reads,
         timed=step.uses_time,
+        apart=packed(step.slopes(inputs), step.ports)[1],
         sample=stepped(),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),

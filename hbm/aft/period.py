@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hbm.aft.slopes import packed
 from hbm.aft.step import ENVIRONMENT, SIGNALS, LawStep, law_step, per_law
 from models.friction import FrictionLaw
 
@@ -31,6 +32,8 @@ class LawFunctions:
         How many of the carried values decide what follows.
     active : tuple of int
         Which of (signals, dt, signals before) the law depends on.
+    apart : bool
+        Whether no state acts on another one; slopes are stored as :func:`hbm.aft.slopes.packed` leaves them.
     sample : (carried, signals before, signals, environment, p) -> (carried, T)
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (T, gap, carried)
@@ -43,6 +46,7 @@ class LawFunctions:
 
     states: int
     active: tuple[int, ...]
+    apart: bool
     sample: ca.Function
     march: ca.Function
     force: ca.Function
@@ -145,12 +149,12 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
         return ca.Function("step", sample.arguments, results, {"cse": True})
 
     def with_derivatives(to: Any) -> ca.Function:
-        local = ca.densify(ca.vec(sample.slopes(to).T))
-        return unrolled(stepped(sample.T, gap, local), N_t)
+        return unrolled(stepped(sample.T, gap, packed(sample.slopes(to), 1)[0]), N_t)
 
     return LawFunctions(
         states=sample.states.numel(),
         active=active,
+        apart=packed(sample.slopes(inputs), 1)[1],
         sample=stepped(sample.T),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(sample.T, gap), N_t),

@@ -6,13 +6,14 @@ is marched.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hbm.aft.recurrence import apart, gradients, is_anchor, stays
+from hbm.aft.recurrence import anchored, gradients
+from hbm.aft.slopes import Slopes
 from hbm.fourier import Array, FourierBasis
 
 
@@ -42,13 +43,13 @@ def shown(basis: FourierBasis) -> tuple[Shown, Shown, Shown]:
 
 
 def projected(
-    local: Array, outputs: int, basis: FourierBasis, inputs: Sequence[Shown], virgin: Callable[[], Array]
+    slopes: Slopes, basis: FourierBasis, inputs: Sequence[Shown], virgin: Callable[[], Slopes]
 ) -> list[Array]:
     """Derivatives of the coefficients of each output to what makes up each input, of a loop that is steady.
 
     Parameters
     ----------
-    local, outputs, virgin
+    slopes, virgin
         As for :func:`hbm.aft.recurrence.gradients`.
     basis : FourierBasis
     inputs : sequence of Shown
@@ -57,92 +58,56 @@ def projected(
     -------
     list of (outputs, 2H+1, c) arrays
     """
-    n = local.shape[1] - outputs
-    anchors = _anchors(local, outputs, basis.analysis, virgin)
-    if anchors is None:
-        by_samples = gradients(local, outputs, basis.analysis, virgin)
+    pulls = _pulls(slopes, basis.analysis, virgin) if slopes.states else NONE
+    if pulls is None:
+        by_samples = gradients(slopes, basis.analysis, virgin)
         return [by @ shown.samples for by, shown in zip(by_samples, inputs, strict=True)]
-    at_once = _at_once(local[:, :outputs, n:], basis)
+    at_once = _at_once(slopes.outputs_by_inputs, basis)
     found = [by if shown.series is None else by @ shown.series for by, shown in zip(at_once, inputs, strict=True)]
-    for pulls in anchors:
-        if not len(pulls.samples):
-            continue
+    if len(pulls.samples):
         there = {id(shown): shown.samples[pulls.samples] for shown in inputs}
-        force = pulls.force.reshape(len(pulls.force), -1).T
         for by, shown, followed in zip(found, inputs, pulls.followed.T, strict=True):
-            by += (force @ (followed[:, None] * there[id(shown)])).reshape(by.shape)
+            by += pulls.force @ (followed[:, None] * there[id(shown)])
     return found
 
 
 class Pulls(NamedTuple):
-    """What an anchor that was dragged at J samples does to the coefficients of the outputs while it then stays.
+    """What anchors that were dragged, J times, do to the coefficients of the outputs while they then stay.
 
     Attributes
     ----------
-    samples : sequence of J int
+    samples : (J,) array of int
+        Which dragged them.
     followed : (J, inputs) array
         Derivatives of the anchor to the inputs of these samples.
-    force : (J, outputs, m) array
+    force : (outputs, m, J) array
         Derivatives of the coefficients to the anchor.
     """
 
-    samples: Sequence[int]
+    samples: npt.NDArray[np.intp]
     followed: Array
     force: Array
 
 
-def _anchors(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> list[Pulls] | None:
-    """What each of the states does that is an anchor; None where they are others, or act on each other."""
-    n = local.shape[1] - outputs
-    if n == 1:
-        alone = _pulls(local, outputs, W, virgin)
-        return None if alone is None else [alone]
-    if n and not apart(local[:, outputs:, :n]):
+NONE = Pulls(np.zeros(0, dtype=np.intp), np.zeros((0, 0)), np.zeros((0, 0, 0)))
+
+
+def _pulls(slopes: Slopes, W: Array, virgin: Callable[[], Slopes]) -> Pulls | None:
+    """Where anchors were dragged and then stayed; None where a state is no such anchor."""
+    anchors = anchored(slopes, virgin)
+    if anchors is None:
         return None
-    found, first = list[Pulls](), cache(virgin)
-    for i in range(n):
-        of = np.ix_(range(len(local)), [*range(outputs), outputs + i], [i, *range(n, local.shape[2])])
-        pulls = _pulls(local[of], outputs, W, lambda of=of: first()[of])  # type: ignore[misc]
-        if pulls is None:
-            return None
-        found.append(pulls)
-    return found
-
-
-def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> Pulls | None:
-    """Where an anchor was dragged and then stayed; None where the state is no such anchor."""
-    if not _is_anchor(local, outputs):
-        return None
-    dragged, slopes = _dragged(local, outputs), local[:, :outputs, 0]
-    if len(dragged):
-        stays = [(int(dragged[i]), int(dragged[i + 1])) for i in np.flatnonzero(dragged[1:] - dragged[:-1] > 1)]
-        if dragged[-1] - dragged[0] < len(local) - 1:
-            stays.append((int(dragged[-1]), int(dragged[0])))
-        begins = [begin for begin, _ in stays]
-        force = np.array([_sum_between(W, slopes, *stay) for stay in stays]).reshape(-1, outputs, len(W))
-        return Pulls(begins, local[begins, outputs, 1:], force)
-    held, first = np.asarray((W @ slopes).T), virgin()
-    if not _is_anchor(first, outputs):
-        return None
-    last = _dragged(first, outputs)[-1:]
-    return Pulls(last.tolist(), first[last, outputs, 1:], held[None][: len(last)])
-
-
-def _is_anchor(local: Array, outputs: int) -> bool:
-    """Whether the state is an anchor whose place before does not act where it is dragged."""
-    dragged = ~stays(local[:, outputs, 0])
-    return is_anchor(local[:, outputs]) and not (local[:, :outputs, 0].T * dragged).any()
-
-
-def _dragged(local: Array, outputs: int) -> npt.NDArray[np.intp]:
-    return np.flatnonzero(~stays(local[:, outputs, 0]))
-
-
-def _sum_between(W: Array, slopes: Array, begin: int, end: int) -> Array:
-    """Sum of W slopes (outputs, m) over the samples behind `begin` and before `end`, around the period."""
-    if begin < end:
-        return np.asarray((W[:, begin + 1 : end] @ slopes[begin + 1 : end]).T)
-    return np.asarray((W[:, begin + 1 :] @ slopes[begin + 1 :] + W[:, :end] @ slopes[:end]).T)
+    before, by_inputs = anchors
+    pull = slopes.outputs_by_states.transpose(2, 0, 1)
+    state, k = np.nonzero(pull.any(axis=2) & (before.T >= 0))
+    at = before[k, state]
+    if not len(at):
+        return NONE
+    stays = at + len(W.T) * state
+    starts = np.append(0, 1 + np.flatnonzero(stays[1:] != stays[:-1]))
+    there, which = at[starts], state[starts]
+    force = np.add.reduceat(W[:, k] * pull[state, k].T[:, None], starts, axis=2)
+    return Pulls(there, by_inputs[there, which], force)
 
 
 def _at_once(slopes: npt.NDArray[np.float64], basis: FourierBasis) -> Array:

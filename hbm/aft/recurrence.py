@@ -1,7 +1,6 @@
 """Linear recurrences over the samples of a period: z_k = A_k z_(k-1) + ..., forwards and as adjoints.
 
-A law over a period is told by its local slopes, (N_t, outputs + states, states + inputs): the derivatives of its
-outputs and of its internal states after a sample to the states before it and to the inputs of the sample.
+Transitions A are (N_t, n, n), or (N_t, n) where no state acts on another one: then they have one diagonal each.
 """
 
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.linalg import lapack
 
+from hbm.aft.slopes import Slopes
 from hbm.fourier import Array
 
 FEW_STATES = 5
@@ -26,31 +26,40 @@ NEUTRAL = 1e-9
 
 
 def monodromy(A: Array) -> Array:
-    """Product of the state transitions (N, n, n) over a period."""
-    if A.shape[1] == 1:
-        return np.asarray(np.multiply.reduce(A[:, 0, 0])).reshape(1, 1)
+    """Product (n, n) of the state transitions over a period."""
+    if A.ndim == 2:
+        return np.diag(np.multiply.reduce(A))
     while len(A) > 1:  # pairwise, so that the products are batched
         pairs = A[1::2] @ A[: len(A) - 1 : 2]
         A = np.concatenate([pairs, A[-1:]]) if len(A) % 2 else pairs
     return np.asarray(A[0])
 
 
+def returns(A: Array) -> Array:
+    """Magnitudes (n,) of the eigenvalues of the product of the transitions; infinite where a law left the numbers."""
+    over_period = np.multiply.reduce(A) if A.ndim == 2 else monodromy(A)
+    if not np.isfinite(over_period).all():
+        return np.full(A.shape[1], np.inf)
+    return np.abs(over_period if A.ndim == 2 else np.linalg.eigvals(over_period))
+
+
 def radius(A: Array) -> float:
     """Spectral radius of the product of the state transitions; infinite where a law left the numbers."""
-    over_period = monodromy(A)
-    if not np.isfinite(over_period).all():
-        return float("inf")
-    return float(np.abs(over_period if len(over_period) == 1 else np.linalg.eigvals(over_period)).max(initial=0.0))
+    return float(returns(A).max(initial=0.0))
 
 
-def gradients(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> Array:
+def undying(A: Array) -> int:
+    """How many disturbances of the states return undiminished after a period: anchors that stick."""
+    return int(np.count_nonzero(returns(A) >= 1.0 - NEUTRAL))
+
+
+def gradients(slopes: Slopes, W: Array, virgin: Callable[[], Slopes]) -> Array:
     """Derivatives of W times each output to each sample of each input, of a loop that is steady.
 
     Parameters
     ----------
-    local : (N_t, outputs + states, states + inputs) array
-        Slopes along the steady period.
-    outputs : int
+    slopes : Slopes
+        Along the steady period.
     W : (m, N_t) array
     virgin : callable
         The slopes along the period before, from the virgin state. A contact that stays stuck remembers it.
@@ -59,20 +68,19 @@ def gradients(local: Array, outputs: int, W: Array, virgin: Callable[[], Array])
     -------
     (inputs, outputs, m, N_t) array
     """
-    n = local.shape[1] - outputs
-    steady = np.ascontiguousarray(local[:, :outputs, n:].T)[:, :, None] * W
-    if n == 0:
+    steady = np.ascontiguousarray(slopes.outputs_by_inputs.T)[:, :, None] * W
+    if slopes.states == 0:
         return steady
-    c, A = local[:, :outputs, :n], local[:, outputs:, :n]
+    c, A = slopes.outputs_by_states, slopes.transitions
     if radius(A) < 1.0 - NEUTRAL:
-        steady += _through_states(_periodic_adjoint(c, A, W), local[:, outputs:, n:], steady.shape)
+        steady += _through_states(_periodic_adjoint(c, A, W), slopes.states_by_inputs, steady.shape)
         return steady
     lam = backwards(A, _sources(c, W))
-    steady += _through_states(lam, local[:, outputs:, n:], steady.shape)
+    steady += _through_states(lam, slopes.states_by_inputs, steady.shape)
     before, right = virgin(), np.zeros(lam.shape)
     right[:, -1] = lam[:, 0]
-    lam = backwards(before[:, outputs:, :n], right)
-    steady += _through_states(lam, before[:, outputs:, n:], steady.shape)
+    lam = backwards(before.transitions, right)
+    steady += _through_states(lam, before.states_by_inputs, steady.shape)
     return steady
 
 
@@ -82,122 +90,115 @@ class Loop:
 
     Attributes
     ----------
-    local : (N_t, outputs + states, states + inputs) array
-        Slopes along the steady period.
-    outputs : int
+    slopes : Slopes
+        Along the steady period.
     virgin : callable
         The slopes along the period before, from the virgin state. A contact that stays stuck remembers it.
     """
 
-    local: Array
-    outputs: int
-    virgin: Callable[[], Array]
-
-    @property
-    def states(self) -> int:
-        """Number of internal states."""
-        return int(self.local.shape[1]) - self.outputs
+    slopes: Slopes
+    virgin: Callable[[], Slopes]
 
     @cached_property
     def _open(self) -> Array | None:
         """1 less the product of the state transitions over a period; None where a loop returns undiminished."""
-        over_period = monodromy(self.local[:, self.outputs :, : self.states])
-        if not np.isfinite(over_period).all() or np.abs(np.linalg.eigvals(over_period)).max() >= 1.0 - NEUTRAL:
-            return None
-        return np.asarray(np.eye(self.states) - over_period)
+        A = self.slopes.transitions
+        return None if radius(A) >= 1.0 - NEUTRAL else np.asarray(np.eye(A.shape[1]) - monodromy(A))
 
     @cached_property
     def _before(self) -> "Loop":
-        return Loop(self.virgin(), self.outputs, self.virgin)
+        return Loop(self.virgin(), self.virgin)
 
     @cached_property
     def _of_anchors(self) -> sparse.csr_array | None:
-        """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors; None where one is not.
-
-        An anchor follows from the sample that dragged it last alone: of this period, or of the one before, or where
-        none of them drags it of the virgin one.
-        """
-        n, outputs = self.states, self.outputs
-        dragged = last_dragged(self.local[:, outputs:])
-        if dragged is None:
+        """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors; None where one is not."""
+        anchors = anchored(self.slopes, lambda: self._before.slopes)
+        if anchors is None:
             return None
-        last, by_inputs = dragged[-1], self.local[:, outputs:, n:]
-        stuck = last < 0
-        if stuck.any():
-            first = last_dragged(self._before.local[:, outputs:])
-            if first is None:
-                return None
-            last = np.where(stuck, first[-1], last)
-            by_inputs = np.where(stuck[:, None], self._before.local[:, outputs:, n:], by_inputs)
-        before = np.concatenate([last[None], dragged[:-1]])
-        before = np.where(before < 0, last, before)
+        before, by_inputs = anchors
         k, i = np.nonzero(before >= 0)
         at, steps, inputs = before[k, i], np.arange(len(before)), by_inputs.shape[2]
-        pulled = self.local[k, :outputs, i][:, :, None] * by_inputs[at, i][:, None]
+        outputs = self.slopes.outputs
+        pulled = self.slopes.outputs_by_states[k, :, i][:, :, None] * by_inputs[at, i][:, None]
         rows = np.concatenate([k, steps])[:, None, None] * outputs + np.arange(outputs)[:, None]
         columns = np.concatenate([at, steps])[:, None, None] * inputs + np.arange(inputs)
-        values = np.concatenate([pulled, self.local[:, :outputs, n:]])
+        values = np.concatenate([pulled, self.slopes.outputs_by_inputs])
         entries = values.ravel(), tuple(np.broadcast_to(a, values.shape).ravel() for a in (rows, columns))
         return sparse.csr_array(entries, shape=(len(before) * outputs, len(before) * inputs))
 
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
+        slopes, n, (N_t, sizes, c) = self.slopes, self.slopes.states, inputs.shape
         if self._of_anchors is not None:
-            N_t, sizes, c = inputs.shape
-            return np.asarray((self._of_anchors @ inputs.reshape(N_t * sizes, c)).reshape(N_t, self.outputs, c))
-        n = self.states
-        driven, begin = np.matmul(self.local[:, :, n:], inputs), np.zeros((n, inputs.shape[2]))
+            return np.asarray((self._of_anchors @ inputs.reshape(N_t * sizes, c)).reshape(N_t, slopes.outputs, c))
+        begin = np.zeros((n, c))
         if self._open is None:
-            before = self._before
-            begin = before._states(begin, np.matmul(before.local[:, self.outputs :, n:], inputs))[-1]
+            begin = self._before._states(begin, inputs)[-1]
         else:
-            begin = np.linalg.solve(self._open, self._states(begin, driven[:, self.outputs :])[-1])
-        z = self._states(begin, driven[:, self.outputs :])
-        return np.asarray(driven[:, : self.outputs] + np.matmul(self.local[:, : self.outputs, :n], z[:-1]))
+            begin = np.linalg.solve(self._open, self._states(begin, inputs)[-1])
+        z = self._states(begin, inputs)
+        return np.asarray(slopes.outputs_by_inputs @ inputs + slopes.outputs_by_states @ z[:-1])
 
-    def _states(self, start: Array, driven: Array) -> Array:
+    def _states(self, start: Array, inputs: Array) -> Array:
         """Change (N_t + 1, states, c) of the states over a period from `start` (states, c)."""
-        return forwards(self.local[:, self.outputs :, : self.states], start, driven)
+        return forwards(self.slopes.transitions, start, self.slopes.states_by_inputs @ inputs)
 
 
-def last_dragged(after: Array) -> npt.NDArray[np.intp] | None:
-    """Number of the last sample that dragged each of some anchors, -1 for none.
+def anchored(slopes: Slopes, virgin: Callable[[], Slopes]) -> tuple[npt.NDArray[np.intp], Array] | None:
+    """Where anchors stand: each follows from the sample that dragged it last alone.
+
+    That is one of this period, or of the one before, or where none of them drags it of the virgin one.
 
     Parameters
     ----------
-    after : (N_t, n, n + inputs) array
-        Slopes of the states after a sample to those before it and to its inputs.
+    slopes, virgin
+        As for :func:`gradients`.
 
     Returns
     -------
-    (N_t, n) array of int or None
-        None where a state is no anchor, that either stays where it is or is dragged along, its past forgotten; or acts
-        on another one.
+    (N_t, states) array of int
+        Number of the sample that dragged each anchor last before each sample, -1 for none.
+    (N_t, states, inputs) array
+        Slopes of the anchors to the inputs of these samples.
+
+    None where a state is no anchor.
     """
-    n = after.shape[1]
-    inputs = range(n, after.shape[2])
-    if not apart(after[:, :, :n]) or not all(is_anchor(after[:, i, [i, *inputs]]) for i in range(n)):
+    dragged = last_dragged(slopes)
+    if dragged is None:
         return None
-    dragged = ~stays(np.diagonal(after[:, :, :n], axis1=1, axis2=2))
-    return np.maximum.accumulate(np.where(dragged, np.arange(len(after))[:, None], -1), axis=0)
+    last, by_inputs = dragged[-1], slopes.states_by_inputs
+    stuck = last < 0
+    if stuck.any():
+        first = virgin()
+        dragged_first = last_dragged(first)
+        if dragged_first is None:
+            return None
+        last = np.where(stuck, dragged_first[-1], last)
+        by_inputs = np.where(stuck[:, None], first.states_by_inputs, by_inputs)
+    before = np.concatenate([last[None], dragged[:-1]])
+    return np.where(before < 0, last, before), by_inputs
 
 
-def is_anchor(own: Array) -> bool:
-    """Whether a state with slopes (N_t, 1 + inputs) to itself and its inputs stays at a sample or is dragged along."""
-    kept, *by_inputs = np.ascontiguousarray(own.T)
-    neither = kept * kept - kept
-    if not neither @ neither < ROUNDING**2:
-        return False
-    for by_input in by_inputs:
-        drift = kept * by_input
-        if drift @ drift > ROUNDING**2 * (by_input @ by_input):
-            return False
-    return True
+def last_dragged(slopes: Slopes) -> npt.NDArray[np.intp] | None:
+    """Number of the last sample that dragged each of some anchors, (N_t, states), -1 for none.
+
+    None where a state is no anchor, that either stays where it is or is dragged along, its past forgotten; or acts on
+    another one.
+    """
+    kept, by_inputs = slopes.transitions, slopes.states_by_inputs
+    if kept.ndim == 3:
+        return None
+    neither, drift = kept * kept - kept, kept[:, :, None] * by_inputs
+    if neither.any() and not (_squares(neither) < ROUNDING**2).all():
+        return None
+    if drift.any() and (_squares(drift) > ROUNDING**2 * _squares(by_inputs)).any():
+        return None
+    return np.maximum.accumulate(np.where(kept > 0.5, -1, np.arange(len(kept))[:, None]), axis=0)
 
 
-def stays(kept: Array) -> npt.NDArray[np.bool_]:
-    """Whether an anchor with these slopes to itself, one or none, stays where it is."""
-    return kept > 0.5
+def _squares(a: Array) -> Array:
+    """Sum of the squares over the samples, (N_t, ...) to (...)."""
+    return np.asarray(np.einsum("k...,k...->...", a, a))
 
 
 def backwards(A: Array, right: Array) -> Array:
@@ -205,7 +206,7 @@ def backwards(A: Array, right: Array) -> Array:
 
     Parameters
     ----------
-    A : (N_t, n_z, n_z) array
+    A : (N_t, n_z, n_z) or (N_t, n_z) array
         dz_k / dz_{k-1}.
     right : (m, N_t + 1, n_z) array
         Right sides of m outputs, the last for behind the last sample; overwritten.
@@ -216,6 +217,10 @@ def backwards(A: Array, right: Array) -> Array:
         lambda in the order of time; the first stands before the first sample.
     """
     N_t, n_z = A.shape[:2]
+    if A.ndim == 2:
+        band = np.zeros((n_z * (N_t + 1), 2))  # the chain of a state ends where that of the next begins
+        band.reshape(n_z, N_t + 1, 2)[:, 1:, 0] = -A.T
+        return _solved(band.T, np.ascontiguousarray(right.transpose(0, 2, 1)), "U").transpose(0, 2, 1)
     if n_z > FEW_STATES:
         lam = np.ascontiguousarray(right.transpose(1, 0, 2))
         for before, after, transition in zip(lam[-2::-1], lam[::-1], A[::-1], strict=False):
@@ -231,10 +236,11 @@ def backwards(A: Array, right: Array) -> Array:
 def forwards(A: Array, start: Array, driven: Array) -> Array:
     """States (N_t + 1, n_z, p) of z_k = A_k z_{k-1} + driven_k from `start` (n_z, p)."""
     N_t, n_z = A.shape[:2]
-    if n_z > FEW_STATES and apart(A):
-        alone = [forwards(A[:, i : i + 1, i : i + 1], start[i : i + 1], driven[:, i : i + 1]) for i in range(n_z)]
-        return np.concatenate(alone, axis=1)
     z = np.concatenate([start[None], driven])
+    if A.ndim == 2:
+        band = np.zeros((n_z * (N_t + 1), 2))
+        band.reshape(n_z, N_t + 1, 2)[:, :-1, 1] = -A.T
+        return _solved(band.T, np.ascontiguousarray(z.transpose(2, 1, 0)), "L").transpose(2, 1, 0)
     if n_z > FEW_STATES:
         for before, after, transition in zip(z, z[1:], A, strict=False):
             after += transition @ before
@@ -244,11 +250,6 @@ def forwards(A: Array, start: Array, driven: Array) -> Array:
         for j in range(n_z):
             band[n_z + i - j, j : N_t * n_z : n_z] = -A[:, i, j]
     return _solved(band, np.ascontiguousarray(z.transpose(2, 0, 1)), "L").transpose(1, 2, 0)
-
-
-def apart(A: Array) -> bool:
-    """Whether no state acts on another one: elements side by side."""
-    return not A[:, ~np.eye(A.shape[1], dtype=bool)].any()
 
 
 def _solved(band: Array, right: Array, triangle: str) -> Array:
@@ -270,13 +271,11 @@ def _periodic_adjoint(c: Array, A: Array, W: Array) -> Array:
     """Adjoint states of a loop that closes: those behind the last sample stand before the first."""
     n_z = A.shape[1]
     lam = backwards(A, _sources(c, W))
-    if n_z == 1:
-        decay = np.multiply.accumulate(A[::-1, 0, 0])[::-1]  # from behind the last sample to before each
-        seed = lam[:, 0, 0] / (1.0 - decay[0])
-        begin = int(np.argmax(decay != 0.0))  # nothing passes a sample that slips
-        if decay[begin] != 0.0:
-            lam[:, begin:-1, 0] += np.multiply.outer(seed, decay[begin:])
-        lam[:, -1, 0] += seed
+    if A.ndim == 2:
+        decay = np.multiply.accumulate(A[::-1])[::-1]  # from behind the last sample to before each
+        seed = lam[:, :1] / (1.0 - decay[0])
+        lam[:, :-1] += seed * decay
+        lam[:, -1:] += seed
     else:
         right = np.zeros((n_z, len(A) + 1, n_z))
         right[:, -1] = np.eye(n_z)

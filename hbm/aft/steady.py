@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.recurrence import NEUTRAL, monodromy, radius
+from hbm.aft.slopes import Slopes, unpacked
 from hbm.fourier import Array
 
 CLOSURE = 1e-12
@@ -38,6 +39,10 @@ class Functions(Protocol):
     """What :class:`hbm.aft.period.LawFunctions` and :class:`hbm.aft.jointstep.JointFunctions` share."""
 
     @property
+    def apart(self) -> bool:
+        """Whether no state acts on another one, see :func:`hbm.aft.slopes.packed`."""
+
+    @property
     def march(self) -> ca.Function:
         """(carried, ...) -> carried."""
 
@@ -63,8 +68,10 @@ class SteadyPeriod:
         Buffers of what stands before the first sample: as given, after a march, and after a period.
     _forces, _gap : (N_t * outputs,) array
         Buffers of the forces, and of what f = law(f) is short of.
-    _slopes : (N_t, outputs + memory, memory + inputs) array
-        Buffer of the slopes, see :mod:`hbm.aft.recurrence`.
+    _table : (N_t * stored,) array
+        Buffer of the slopes.
+    _slopes : Slopes
+        Views of it.
     _sloped : bool
         Whether it belongs to the period in the other buffers.
     _march, _with_slopes, _without_slopes : callable
@@ -86,7 +93,8 @@ class SteadyPeriod:
     _end: Array
     _forces: Array
     _gap: Array
-    _slopes: Array
+    _table: Array
+    _slopes: Slopes
     _sloped: bool
     _march: Callable[[], None]
     _with_slopes: Callable[[], None]
@@ -103,10 +111,15 @@ class SteadyPeriod:
         self._carried = np.zeros(functions.period.size1_in(0))
         self._inputs = [self._carried, *inputs]
         self._march, (self._marched,) = buffered(functions.march, self._inputs)
-        self._with_slopes, (self._forces, self._gap, slopes, self._end) = buffered(functions.period, self._inputs)
+        self._with_slopes, (self._forces, self._gap, self._table, self._end) = buffered(functions.period, self._inputs)
         self._without_slopes, _ = buffered(functions.force, self._inputs, [self._forces, self._gap, self._end])
-        self._slopes = slopes.reshape(len(self._forces) // self._outputs, self._outputs + self._memory, -1)
+        self._slopes = self._unpacked(self._table, functions)
         self._sloped = False
+
+    def _unpacked(self, table: Array, functions: Functions) -> Slopes:
+        """Views of the slopes in a buffer that a function over a period filled."""
+        by_sample = table.reshape(len(self._forces) // self._outputs, -1)
+        return unpacked(by_sample, self._outputs, self._memory, apart=functions.apart)
 
     def _steady(self) -> float:
         """Fill the buffers with the steady period, and return the closure of the loop."""
@@ -125,16 +138,16 @@ class SteadyPeriod:
         self._sloped = self._fades
 
     @property
-    def _local(self) -> Array:
+    def _local(self) -> Slopes:
         """The slopes of the last period."""
         if not self._sloped:
             self._with_slopes()
             self._sloped = True
         return self._slopes
 
-    def _first_period(self) -> Array:
+    def _first_period(self) -> Slopes:
         """The slopes along the period from the virgin state; the buffers go on holding the steady one."""
-        buffers = self._carried, self._forces, self._gap, self._end, self._slopes
+        buffers = self._carried, self._forces, self._gap, self._end, self._table
         steady = [buffer.copy() for buffer in buffers]
         self._carried[:] = 0.0
         self._with_slopes()
@@ -145,13 +158,13 @@ class SteadyPeriod:
 
     @property
     def _transitions(self) -> Array:
-        """Derivative of the memory after each sample to that before, (N_t, memory, memory)."""
-        return self._local[:, self._outputs :, : self._memory]
+        """Derivative of the memory after each sample to that before, see :attr:`hbm.aft.slopes.Slopes.transitions`."""
+        return self._local.transitions
 
     @property
     def _pull(self) -> Array:
         """Largest change of a force over the period per unit of each memory, (memory,); they differ in units."""
-        pull = np.abs(self._local[:, : self._outputs, : self._memory]).max(axis=(0, 1))
+        pull = np.abs(self._local.outputs_by_states).max(axis=(0, 1))
         return np.where(pull > 0.0, pull, 1.0)
 
     @property

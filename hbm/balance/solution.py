@@ -133,6 +133,8 @@ class PeriodicSolution(Displayed):
         Excitation work minus losses in damping, friction, elements and clamp over a period, relative to the work.
     unheld : float
         Mean force on a free body that nothing balances, relative to the excitation.
+    conservative : tuple of str
+        Joints that give back within the period all that they take, as springs and stops do.
     """
 
     hz: float
@@ -144,6 +146,7 @@ class PeriodicSolution(Displayed):
     closure: float
     energy_error: float
     unheld: float = 0.0
+    conservative: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Say where it is, and the peak of each channel."""
@@ -197,14 +200,14 @@ class PeriodicSolution(Displayed):
     def friction_loss(self) -> float:
         """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip.
 
-        Of a rig with joints, what all of them take.
+        Of a rig with joints, what all of them take that do not give it back: dashpots too, but no spring or stop.
         """
         if "friction" in self.channels:
             return self._taken([("friction", "slip")])
         return self._taken(self._ports)
 
     def taken(self, joint: str) -> float:
-        """Energy that a joint takes from the body in one period [J], over all its ports.
+        """Energy that a joint takes from the body in one period [J], over all its ports; none if it is conservative.
 
         Raises
         ------
@@ -229,7 +232,10 @@ class PeriodicSolution(Displayed):
         return [(force, motion) for force, motion in named if motion in self.channels]
 
     def _taken(self, ports: list[tuple[str, str]]) -> float:
-        return -sum(path_work(np.asarray, self[force].samples, self[motion].samples) for force, motion in ports)
+        # the sampled loop of a conservative force has an area, that of the corners it cuts
+        kept = {f"{joint}.force" for joint in self.conservative}
+        lossy = [(self[force].samples, self[motion].samples) for force, motion in ports if force not in kept]
+        return sum((-path_work(np.asarray, f, u) for f, u in lossy), 0.0)
 
 
 def expect_periodic(found: PeriodicSolution) -> PeriodicSolution:
@@ -379,7 +385,8 @@ def describe_joints(problem: JointEquations, state: State, hz: float) -> Periodi
         channels[force] = Signal(unit_of_force, f[:, i], found[:, i], float(np.abs(found[:, i]).max()))
     energy = _joint_energy_error(problem, state, channels)
     unheld = float(np.abs(problem.held_adrift(state)).max(initial=0.0)) / problem.modal_force_ref
-    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld)
+    conservative = tuple(j.name for j, law in zip(rig.joints, problem.joints, strict=True) if law.conservative)
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld, conservative)
 
 
 def _joint_energy_error(problem: JointEquations, state: State, channels: Mapping[str, Signal]) -> float:

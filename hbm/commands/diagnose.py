@@ -252,7 +252,7 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
     if found.calibrated is not None and found.campaign is not None and not found.floored:
         others = [e for e in (found.extended_fit, *found.tried) if e is not None]
         k = understated(found.calibrated, found.campaign, others)
-        lines += [] if k is None else [said(k)]
+        lines += [] if k is None else [said(k, found.noise)]
     return lines
 
 

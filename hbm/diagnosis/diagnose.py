@@ -123,7 +123,8 @@ def diagnose(
         diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     missing = unfitted(asked_for(candidates, causes), diagnosis, why)
-    return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence, *missing))
+    evidence = (*beside, *diagnosis.evidence, *missing)
+    return replace(diagnosis, held_out_records=records, evidence=evidence, noise=spectra.noise)
 
 
 def _expect_levels(rig: AnyRig, spectra: MeasuredSpectra) -> None:

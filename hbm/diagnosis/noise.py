@@ -36,9 +36,9 @@ def understated(e: Evaluation, campaign: Campaign, others: Sequence[Evaluation] 
     return k if misfit(replace(e, white=white), campaign).fits else None
 
 
-def said(k: float) -> str:
-    """Say by how much all standard deviations are too small."""
+def said(k: float, noise: str) -> str:
+    """Say by how much all standard deviations are too small, and what they are of."""
     return (
         f"chi2 of every model is {k:.3g} times too large on all records, channels and harmonics alike: the standard "
-        f"deviations of the spectra file are too small by about {np.sqrt(k):.3g}; the causes below may be noise."
+        f"deviations of {noise} are stated too small by about {np.sqrt(k):.3g}; the causes below may be noise."
     )

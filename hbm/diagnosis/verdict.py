@@ -112,6 +112,8 @@ class Diagnosis(Displayed):
         The records held out.
     tried : tuple of Evaluation
         The fits that `ranking` lists, in its order.
+    noise : str
+        What the standard deviations are of, in words: what does not repeat counts as noise where it is known.
     """
 
     verdict: Verdict
@@ -133,6 +135,7 @@ class Diagnosis(Displayed):
     held: Mapping[str, Evaluation] = field(default_factory=dict, repr=False)
     held_campaign: Campaign | None = field(default=None, repr=False)
     tried: tuple[Evaluation, ...] = field(default=(), repr=False)
+    noise: str = field(default="noise", repr=False)
 
     @property
     def floored(self) -> bool:

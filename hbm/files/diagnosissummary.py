@@ -29,7 +29,7 @@ WRONG, ADDED, REMAINS, NEXT = "What is wrong", "Added to the model", "What remai
 
 NEW_MOUNTING = (
     "Mount the structure anew and repeat some records: only that tells whether what remains is the structure itself. "
-    "What does not repeat is stated with --repeatability."
+    "{} is stated with --repeatability."
 )
 
 MOST_MOVED = 3
@@ -220,7 +220,7 @@ def _gain(d: Diagnosis, noise: float) -> str:
     }
     known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
     told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
-    alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
+    alone = f"; {percent(noise)} by {d.noise} alone" if noise > 0.0 else ""
     return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
 
 
@@ -237,7 +237,7 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
     elif d.verdict == "unexplained":
         yield from _where_to_look(d, force)
     elif d.remainder.structured:
-        yield NEW_MOUNTING
+        yield NEW_MOUNTING.format(f"What does not repeat{' beyond what counts already' if d.noise != 'noise' else ''}")
     elif d.verdict == "consistent":
         yield "Nothing for these records. Levels, modes and harmonics that were not measured may still show something."
 

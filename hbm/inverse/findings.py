@@ -83,11 +83,11 @@ def disagreement(base: Readings, left_out: bool) -> Iterator[str]:
     low, high = special.chdtr(stated.dof, stated.chi2), special.chdtrc(everyone.dof, everyone.chi2)
     if min(low, high) > CONSISTENT:
         return
-    scatter = "standard deviations: the sensors scatter {} times what is stated, all alike; stated too {}"
+    scatter = "standard deviations of {}: the sensors scatter {} times what is stated, all alike; stated too {}"
     if low < high:
-        yield scatter.format(_times(stated), "large")
+        yield scatter.format(base.seen.spectra.noise, _times(stated), "large")
     elif _alike(base):
-        yield scatter.format(_times(everyone), "small")
+        yield scatter.format(base.seen.spectra.noise, _times(everyone), "small")
     else:
         yield (
             f"the sensors contradict the structure{' still' if left_out else ''}: misfit {reduced:.3g} per degree of "
@@ -119,24 +119,24 @@ def _worst(base: Readings) -> str:
 
 def assumed(rig: Rig, spectra: MeasuredSpectra) -> Iterator[str]:
     """Assumptions about signals that some channels did not measure; together where they lack the same harmonics."""
-    forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
-    if not forces:
+    force = rig.force_among(spectra.channels)
+    if force is None:
         yield (
             f"force: not measured; its fundamental is free within {UNKNOWN_FORCE:g} times the level, its phase "
             "unknown, its higher harmonics count as zero"
         )
     measured = {name: spectra.measured[:, i, 1:] for i, name in enumerate(spectra.channels)}
-    responses = [name for name in spectra.channels if name not in forces]
+    responses = [name for name in spectra.channels if name != force]
     nobody = [k for k in range(spectra.H) if not any(measured[name][:, k].any() for name in responses)]
     lacks: dict[str, list[str]] = {}
     for name in spectra.channels:
         seen = measured[name]
-        known = [] if name in forces else nobody
+        known = [] if name == force else nobody
         never = [k for k in range(spectra.H) if not seen[:, k].any() and k not in known]
         partly = [k for k in range(spectra.H) if seen[:, k].any() and not seen[:, k].all()]
         for missing, where in ((never, ""), (partly, " in all records")):
             if missing:
-                effect = "count as zero" if name in forces else "rest on the other channels"
+                effect = "count as zero" if name == force else "rest on the other channels"
                 sentence = f"{harmonics(missing)} not measured{where}; there they {effect}"
                 lacks.setdefault(sentence, []).append(name)
     for sentence, names in lacks.items():

@@ -94,7 +94,7 @@ class JointReconstruction(Reconstructed):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings with numbers, a line each."""
-        said, found = [*self.findings], self.found[:, 1:]
+        said, found = [*self.spectra.silent, *self.findings], self.found[:, 1:]
         missing = np.flatnonzero(~found.all(axis=0)).tolist()
         if missing:
             said.append(

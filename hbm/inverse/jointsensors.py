@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.inverse.findings import unit_sentence
 from hbm.inverse.reconstruction import Misfit
-from hbm.inverse.units import FALL, OPPOSITE, SURE, UNITS, off_level
+from hbm.inverse.units import FALL, OPPOSITE, UNITS, agreeing
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
 
@@ -38,22 +38,18 @@ def joint_sensors(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, rea
 
 def _unit(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read) -> str:
     """The finding about a unit in which the sensors would agree; empty where there is none."""
-    force = rig.force_among(spectra.channels)
-    if force is None:
+
+    def chi2(left: Misfit) -> float:
+        return float(left.chi2.sum())
+
+    def explains(left: Misfit, chance: float) -> bool:
+        return FALL * _excess(left) < _excess(before) and chi2(before) - chi2(left) > chance
+
+    found = agreeing(rig, spectra, (*UNITS, OPPOSITE), lambda other: read(rig, other), chi2, explains)
+    if found is None:
         return ""
-    measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
-    tried = [(unit, unit.converted(rig, spectra)) for unit in (*UNITS, OPPOSITE) if measured & set(unit.quantities)]
-    left = [(unit, converted, read(rig, converted)) for unit, converted in tried]
-    chance = SURE + 2.0 * np.log(len(left))
-    holding = [
-        (off_level(converted, force), misfit.chi2.sum(), unit, misfit)
-        for unit, converted, misfit in left
-        if FALL * _excess(misfit) < _excess(before) and before.chi2.sum() - misfit.chi2.sum() > chance
-    ]
-    if not holding:
-        return ""
-    *_, unit, misfit = min(holding, key=lambda found: found[:2])
-    return unit_sentence(unit.said, force, _reduced(before), _reduced(misfit))
+    unit, left = found
+    return unit_sentence(unit.said, str(rig.force_among(spectra.channels)), _reduced(before), _reduced(left))
 
 
 def _fault(rig: JointedRig, spectra: MeasuredSpectra, before: Misfit, read: Read) -> str:

@@ -74,7 +74,7 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
     beside = () if check.unit else _beside(contact, result.slips)
-    return replace(result, warnings=(*check.findings, *beside), unit=check.unit)
+    return replace(result, warnings=(*spectra.silent, *check.findings, *beside), unit=check.unit)
 
 
 def _beside(contact: Contact, slips: npt.NDArray[np.bool_]) -> tuple[str, ...]:

@@ -157,7 +157,6 @@ def readings(rig: AnyRig, spectra: MeasuredSpectra) -> Readings:
     InputError
         If no response was measured.
     """
-    forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
     channels = tuple(c.name for c in rig.response_channels if c.name in spectra.channels)
     if not channels:
         raise InputError(
@@ -169,7 +168,7 @@ def readings(rig: AnyRig, spectra: MeasuredSpectra) -> Readings:
     std = np.stack([spectra.std[:, spectra.index(name)] for name in channels], axis=2)
     usable = np.isfinite(std)
     usable[:, 0] = False  # accelerometers and vibrometers see no mean
-    force, force_std = _force(spectra, forces[0] if forces else None)
+    force, force_std = _force(spectra, rig.force_among(spectra.channels))
     return Readings(
         spectra=spectra,
         channels=channels,

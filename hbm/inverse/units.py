@@ -1,12 +1,12 @@
-"""Units that all responses, or the force, may be in by mistake: tried where the force contradicts the responses.
+"""Units that all responses, or the force, may be in by mistake: tried where sensors contradict each other.
 
 A factor common to all responses is a gain of the force as well, for friction and reaction are not measured. A gain that
 is a factor between two units is likelier a unit: no channel is at fault then, and none is left out.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import islice
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.constants import g
@@ -72,6 +72,50 @@ def with_gain(rig: AnyRig, channel: str, gain: float) -> list[str]:
     return [said for said, factor in own if abs(gain / factor - 1.0) < NEAR]
 
 
+Left = TypeVar("Left")
+"""What sensors leave unexplained, by whatever reads them."""
+
+
+def agreeing(
+    rig: AnyRig,
+    spectra: MeasuredSpectra,
+    units: Sequence[Unit],
+    read: Callable[[MeasuredSpectra], Left],
+    chi2: Callable[[Left], float],
+    explains: Callable[[Left, float], bool],
+) -> tuple[Unit, Left] | None:
+    """The unit in which the sensors would agree, with what they leave in it; none where they do not in any.
+
+    Of several it is that in which the force is nearest to its level, then that which leaves least.
+
+    Parameters
+    ----------
+    rig : Rig or JointedRig
+    spectra : MeasuredSpectra
+        Sensors that contradict each other. Without a force among them no unit is told: it may be of that unit too.
+    units : sequence of Unit
+        Those to try.
+    read : callable
+        What the sensors leave of spectra.
+    chi2 : callable
+        The misfit of that.
+    explains : callable
+        Whether a unit explains the contradiction, by what is left in it and the fall of chi2 that choice alone makes.
+    """
+    force = rig.force_among(spectra.channels)
+    measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
+    possible = [unit for unit in units if measured & set(unit.quantities)]
+    if force is None or not possible:
+        return None
+    converted = [(unit, unit.converted(rig, spectra)) for unit in possible]
+    tried = [(unit, other, read(other)) for unit, other in converted]
+    chance = SURE + 2.0 * np.log(len(possible))
+    holding = [
+        ((_off_level(other, force), chi2(left)), unit, left) for unit, other, left in tried if explains(left, chance)
+    ]
+    return min(holding, key=lambda found: found[0])[1:] if holding else None
+
+
 def mistaken(
     rig: Rig, spectra: MeasuredSpectra, base: Readings, read: Callable[[MeasuredSpectra], Readings]
 ) -> tuple[Unit, Readings] | None:
@@ -87,15 +131,16 @@ def mistaken(
     read : callable
         Readings of spectra.
     """
-    measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
-    possible = [unit for unit in UNITS if measured & set(unit.quantities)] if "force" in measured else []
-    if not possible or not _off(base):
+    if rig.force_among(spectra.channels) is None or not _off(base):
         return None
-    tried = [(unit, read(unit.converted(rig, spectra))) for unit in possible]
-    chance = SURE + 2.0 * np.log(len(possible))
-    holding = [(unit, other) for unit, other in tried if _explains(other, base, chance)]
-    force = base.channels[-1]
-    return min(holding, key=lambda pair: (off_level(pair[1].seen.spectra, force), pair[1].everyone.chi2), default=None)
+    return agreeing(
+        rig,
+        spectra,
+        UNITS,
+        read,
+        lambda other: other.everyone.chi2,
+        lambda other, chance: _explains(other, base, chance),
+    )
 
 
 def _off(readings: Readings) -> bool:
@@ -113,7 +158,7 @@ def _explains(other: Readings, base: Readings, chance: float) -> bool:
     return explained and before.chi2 - after.chi2 > chance and _one_to_one(other)
 
 
-def off_level(spectra: MeasuredSpectra, force: str) -> float:
+def _off_level(spectra: MeasuredSpectra, force: str) -> float:
     """How far the force is from its nominal level, in decades to one digit: tells its unit from that of responses."""
     share = np.nanmedian(np.abs(spectra.complex(force)[:, 1]) / spectra.level)
     return round(abs(float(np.log10(max(share, 1e-9)))), 1)

@@ -61,7 +61,7 @@ def unrepeatable(spectra: MeasuredSpectra, shares: Mapping[str, float]) -> Measu
     share = np.array([shares[name] for name in chosen])[:, None]
     std = spectra.std.copy()
     std[:, places] = np.hypot(std[:, places], share * _typical(spectra, places) / np.sqrt(2.0))
-    return replace(spectra, std=std)
+    return replace(spectra, std=std, unrepeatable=tuple(chosen))
 
 
 def with_std(rig: AnyRig | None, spectra: MeasuredSpectra, share: float = 0.0) -> MeasuredSpectra:

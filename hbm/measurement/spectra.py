@@ -18,6 +18,9 @@ from models.display import Displayed
 from models.jointed import AnyRig
 
 MOST_WARNINGS, MOST_LISTED = 12, 50
+SILENT = 2.0
+"""A record whose mean square of all channels and harmonics is below so many noise variances holds noise alone."""
+
 AT = "@"
 """Between the name of records and the frequency of one of them."""
 
@@ -50,6 +53,8 @@ class MeasuredSpectra(Displayed):
         Names of the records where they are no numbers, by number less one; of a selection too, those of all.
     assumed : tuple of str
         Channels in which a repeatability that was stated stands in for standard deviations that are not given.
+    unrepeatable : tuple of str
+        Channels whose standard deviations hold what does not repeat beside the noise.
     """
 
     source: str
@@ -62,6 +67,7 @@ class MeasuredSpectra(Displayed):
     notes: tuple[tuple[int, str], ...] = ()
     names: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+    unrepeatable: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Summary in words."""
@@ -78,6 +84,11 @@ class MeasuredSpectra(Displayed):
     def H(self) -> int:
         """Highest harmonic listed."""
         return int(self.std.shape[2]) - 1
+
+    @property
+    def noise(self) -> str:
+        """What its standard deviations are of, in words."""
+        return "noise and what does not repeat" if self.assumed or self.unrepeatable else "noise"
 
     @property
     def labels(self) -> npt.NDArray[Any]:
@@ -114,9 +125,18 @@ class MeasuredSpectra(Displayed):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about records, one sentence each; of many alike the first is given in full."""
+        silent = [f"{line[0].upper()}{line[1:].rstrip('?')}." for line in self.silent]
         said = [f"Record {self.label(record)} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
         more = len(said) - MOST_WARNINGS
-        return (*said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
+        return (*silent, *said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """A sentence that names the records of noise alone in every channel, if there are any."""
+        squared = (self.coefficients[:, :, 1:] / np.tile(self.std[:, :, 1:], 2)) ** 2
+        off = self.labels[np.nansum(squared, axis=(1, 2)) < SILENT * np.isfinite(squared).sum(axis=(1, 2))]
+        records = f"record{'s' * (len(off) > 1)} {_listed(off)} of {self.source}"
+        return (f"{records}: every channel reads noise alone; was the shaker off?",) if len(off) else ()
 
     def to_xarray(self) -> Any:
         """Coefficients (record, channel, coefficient) and standard deviations, as an xarray.Dataset.

@@ -82,7 +82,7 @@ class Backbone(ABC):
 
     @cached_property
     def rubbed(self) -> Array:
-        """Energy lost to friction, or to all joints, in one period, (points,) [J]."""
+        """Energy lost to friction, or to all joints (dashpots too), in one period, (points,) [J]."""
         return np.array([p.friction_loss for p in self.points])
 
     @cached_property

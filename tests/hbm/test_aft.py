@@ -6,7 +6,8 @@ import pytest
 from hbm.aft.force import Environment, InputChange, LawOverPeriod
 from hbm.aft.joint import JointOverPeriod
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import Loop, gradients, last_dragged
+from hbm.aft.recurrence import Loop, gradients, last_dragged, radius
+from hbm.aft.slopes import Slopes
 from hbm.fourier import FourierBasis
 from models import (
     LAWS,
@@ -174,10 +175,10 @@ def test_an_anchor_is_not_marched(law, amplitude, N_t):
     u = amplitude * np.random.default_rng(3).normal(size=basis.size) * np.exp(-basis.k)
     contact = LawOverPeriod(law, basis)
     contact.force(signals(basis, u), OMEGA, environment(law, 3e-8))
-    local = contact._local.copy()
-    inputs = shown(basis)[:2] + shown(basis)[:1] * (local.shape[2] - 3)
-    found = projected(local, 1, basis, inputs, contact._first_period)
-    marched = gradients(local, 1, basis.analysis, contact._first_period)
+    slopes = contact._local.copy()
+    inputs = shown(basis)[:2] + shown(basis)[:1] * (slopes.by_inputs.shape[2] - 2)
+    found = projected(slopes, basis, inputs, contact._first_period)
+    marched = gradients(slopes, basis.analysis, contact._first_period)
     for by, by_samples, shown_input in zip(found, marched, inputs, strict=True):
         expected = by_samples @ shown_input.samples
         assert by == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
@@ -194,21 +195,51 @@ def test_anchors_side_by_side_are_not_marched(amplitude, least, most):
     shown_to_it = np.zeros((basis.size, 3))
     shown_to_it[:, 0] = shown_to_it[:, 1] = u
     joint.forces(shown_to_it, OMEGA)
-    local, n = joint._local.copy(), law.states
-    assert joint.functions.memory == n
-    dragged = last_dragged(local[:, 1:])
+    slopes = joint._local.copy()
+    assert joint.functions.memory == law.states
+    dragged = last_dragged(slopes)
     assert dragged is not None
     assert least <= (dragged[-1] >= 0).sum() <= most
-    inputs = [shown(basis)[0] for _ in range(local.shape[2] - n)]
-    found = projected(local, 1, basis, inputs, joint._first_period)
-    marched = gradients(local, 1, basis.analysis, joint._first_period)
+    inputs = [shown(basis)[0] for _ in joint.functions.reads]
+    found = projected(slopes, basis, inputs, joint._first_period)
+    marched = gradients(slopes, basis.analysis, joint._first_period)
     for by, by_samples in zip(found, marched, strict=True):
         expected = by_samples @ basis.synthesis
         assert by == pytest.approx(expected, rel=1e-11, abs=1e-11 * np.abs(expected).max())
     change = np.random.default_rng(6).normal(size=(basis.N_t, len(inputs), 2))
     by_change = np.einsum("imt,itc->mc", np.stack([by[0] for by in marched]), change.transpose(1, 0, 2))
-    along = basis.analysis @ Loop(local, 1, joint._first_period).changed(change)[:, 0]
+    along = basis.analysis @ Loop(slopes, joint._first_period).changed(change)[:, 0]
     assert along == pytest.approx(by_change, rel=1e-10, abs=1e-10 * np.abs(by_change).max())
+
+
+def test_slopes_of_elements_side_by_side_are_as_many_as_the_elements():
+    """None of them is told of the others: twice as many take twice the memory and time."""
+    basis = FourierBasis(3, 32)
+    few, many = (
+        JointOverPeriod(Friction(Iwan(0.4, 1e6, elements=n), P), basis).functions.period.numel_out(2) for n in (20, 40)
+    )
+    assert many < 2 * few
+
+
+def test_states_that_fade_side_by_side_follow_their_recurrence():
+    """Three states with slopes of their own, against the periodic solution of their transitions written out."""
+    rng, N_t, n = np.random.default_rng(7), 12, 3
+    slopes = Slopes(
+        rng.normal(size=(N_t, 2, n)),
+        rng.normal(size=(N_t, 2, 1)),
+        rng.uniform(0.5, 0.99, (N_t, n)),
+        rng.normal(size=(N_t, n, 1)),
+    )
+    outputs = slopes.outputs_by_inputs[:, :, 0][:, :, None] * np.eye(N_t)[:, None]
+    for i in range(n):
+        chain = np.eye(N_t) - np.diag(slopes.states_by_states[1:, i], -1)
+        chain[0, -1] -= slopes.states_by_states[0, i]
+        z = np.linalg.solve(chain, np.diag(slopes.states_by_inputs[:, i, 0]))
+        outputs += slopes.outputs_by_states[:, :, i, None] * np.roll(z, 1, axis=0)[:, None]
+    found = Loop(slopes, slopes.copy).changed(np.eye(N_t)[:, None])
+    assert found == pytest.approx(outputs, rel=1e-12, abs=1e-12)
+    assert gradients(slopes, np.eye(N_t), slopes.copy)[0].swapaxes(0, 1) == pytest.approx(outputs, rel=1e-12, abs=1e-12)
+    assert radius(slopes.transitions) == pytest.approx(np.prod(slopes.states_by_states, axis=0).max())
 
 
 @pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: law.name)

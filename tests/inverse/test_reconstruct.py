@@ -80,6 +80,14 @@ def test_slip_velocity_is_the_derivative_of_slip(clean: MeasuredSpectra) -> None
     assert np.allclose(v, 2 * np.pi * clean.hz[:, None] * over, atol=1e-9 * np.abs(v).max())
 
 
+def test_a_record_of_noise_alone_is_named_first(clean: MeasuredSpectra) -> None:
+    coefficients = clean.coefficients.copy()
+    std = np.hstack([clean.std[3], clean.std[3][:, 1:]])
+    coefficients[3] = std * np.random.default_rng(4).standard_normal(std.shape)
+    found = reconstruct(RIG, replace(clean, coefficients=coefficients))
+    assert found.warnings[0].startswith("record 4 of ") and "reads noise alone" in found.warnings[0]
+
+
 def test_energy_is_the_area_of_the_loop_and_work_rate_the_mean_of_load_times_speed(clean: MeasuredSpectra) -> None:
     found = reconstruct(RIG, clean)
     T, u, R = stacked("friction"), stacked("slip"), stacked("normal")

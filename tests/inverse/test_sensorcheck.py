@@ -5,6 +5,7 @@ import pytest
 
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensorcheck import check_sensors
+from hbm.measurement.repeatability import unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from models.published import paper_rig
 from models.rig import Rig
@@ -171,6 +172,13 @@ def test_wrong_standard_deviations_are_told_with_their_factor(
     factor = float(line.split("scatter ")[1].split()[0])
     assert factor == pytest.approx(1 / times_std, rel=0.1)
     assert line.endswith(f"stated too {word}")
+
+
+def test_what_does_not_repeat_is_named_where_it_is_stated_too_large(noisy: MeasuredSpectra) -> None:
+    responses = [name for name in noisy.channels if name != "force"]
+    (line,) = check_sensors(RIG, unrepeatable(noisy, dict.fromkeys(responses, 0.3))).findings
+    assert line.startswith("standard deviations of noise and what does not repeat: ")
+    assert line.endswith("stated too large")
 
 
 def test_what_was_not_measured_is_said_once(noisy: MeasuredSpectra) -> None:

@@ -15,7 +15,7 @@ from hbm.stability.jointed import joint_stability
 from models import Coulomb, Dahl, Iwan, Jenkins, Karnopp, LuGre, Stribeck
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Friction, Joint, PolynomialSpring
+from models.joints import CubicSpring, Dashpot, Friction, Joint, PolynomialSpring, Stop
 from models.parts import Damping, Excitation
 from tests.joints.rigs import beam_rig, contact_and_joint, made_up
 
@@ -89,6 +89,21 @@ def test_time_integration_agrees_and_energy_closes(name: str) -> None:
     own = own[np.argsort(np.abs(own - 1.0))[stability.undying :]]
     assert stability.stable
     assert np.abs(own).max() == pytest.approx(np.abs(kept).max(), abs=0.02)
+
+
+def test_springs_and_stops_lose_nothing_and_a_dashpot_what_it_brakes() -> None:
+    c, rig = 0.05, made_up(damped=True, rigid=False)
+    joints = (
+        Joint("spring", CubicSpring(1e4), ("b",), ("c",)),
+        Joint("stop", Stop(3.0, gap=0.01), ("d",)),
+        Joint("dashpot", Dashpot(c), ("e",)),
+    )
+    found = steady_state(replace(rig, joints=joints), 0.15, harmonics=15, samples=256)
+    assert found["stop.force"].peak > 0.01 and found["spring.force"].peak > 0.01
+    assert found.taken("spring") == found.taken("stop") == 0.0
+    rate = found.state.Omega * found.basis.derivative(found["dashpot.motion"].coefficients)
+    assert found.friction_loss == found.taken("dashpot")
+    assert found.friction_loss == pytest.approx(np.pi * c * rate[1:] @ rate[1:] / found.state.Omega, rel=2e-3)
 
 
 def test_a_march_from_rest_settles_on_it() -> None:

@@ -109,6 +109,13 @@ def test_a_contradiction_widens_the_deviations(solution: object) -> None:
     )
 
 
+def test_a_record_of_noise_alone_is_named(solution: object) -> None:
+    spectra = _spectra(solution, 2)
+    spectra.coefficients[1] = np.random.default_rng(3).normal(scale=STD, size=spectra.coefficients[1].shape)
+    (line,) = reconstruct_joints(RIG, spectra).warnings
+    assert line == "record 2 of made: every channel reads noise alone; was the shaker off?"
+
+
 def test_as_many_sensors_as_forces_leave_nothing_to_check(solution: object) -> None:
     found = reconstruct_joints(RIG, _spectra(solution, 2).select(channels=["a1", "a3", "a5", "force"]))
     assert found.warnings == ("as many sensors as joint forces: nothing is left to check the body by",)

@@ -47,6 +47,21 @@ def assert_same(a: MeasuredSpectra, b: MeasuredSpectra) -> None:
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
+def test_records_of_noise_alone_are_named(rig: Rig) -> None:
+    spectra = drawn(rig, records=5)
+    spectra = replace(spectra, std=np.full_like(spectra.std, 0.05))
+    assert spectra.silent == () == spectra.warnings
+    off, noise = [1, 4], 0.05 * np.random.default_rng(6).standard_normal(spectra.coefficients.shape)
+    coefficients = spectra.coefficients.copy()
+    coefficients[off] = noise[off]
+    said = replace(spectra, coefficients=coefficients, names=tuple("abcde"))
+    assert said.silent == (f"records b, e of {said.source}: every channel reads noise alone; was the shaker off?",)
+    assert said.warnings == (f"Records b, e of {said.source}: every channel reads noise alone; was the shaker off.",)
+    louder = coefficients.copy()
+    louder[off, spectra.index("force"), 1] = 0.5
+    assert replace(spectra, coefficients=louder).silent == ()  # the shaker was on: sensors are dead
+
+
 # ----------------------------------------------------------------------------------------------------------- round trip
 
 
