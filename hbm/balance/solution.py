@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from continuation import ConvergenceError
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
@@ -236,27 +235,6 @@ class PeriodicSolution(Displayed):
         kept = {f"{joint}.force" for joint in self.conservative}
         lossy = [(self[force].samples, self[motion].samples) for force, motion in ports if force not in kept]
         return sum((-path_work(np.asarray, f, u) for f, u in lossy), 0.0)
-
-
-def expect_periodic(found: PeriodicSolution) -> PeriodicSolution:
-    """The same, a motion about a place where the body stays.
-
-    Raises
-    ------
-    ConvergenceError
-        If it walks: then there is none. If a law is not solved at its samples.
-    """
-    if found.unsolved:
-        raise ConvergenceError(
-            f"steady state: a law is not solved at its samples at {found.hz:.6g} Hz, {found.level:g} N, "
-            f"{found.closure:.1%} of its force is open; try more samples, or less damping in the law"
-        )
-    if found.walks:
-        raise ConvergenceError(
-            f"steady state: no motion is periodic at {found.hz:.6g} Hz, {found.level:g} N; friction pushes the body "
-            f"along, nothing balances its mean, {found.unheld:.2g} of the excitation; simulate it in time instead"
-        )
-    return found
 
 
 def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from continuation import ConvergenceError, Settings
 from hbm.balance.balanced import expect_joints_of
 from hbm.balance.problem import AnyBalance, balance_of
-from hbm.balance.solution import PeriodicSolution, describe, expect_periodic
+from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import basis_for, holding
 from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, sampled
@@ -87,6 +87,27 @@ def steady_state(
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
     return expect_periodic(describe(problem, x, lam))
+
+
+def expect_periodic(found: PeriodicSolution) -> PeriodicSolution:
+    """The same, a motion about a place where the body stays.
+
+    Raises
+    ------
+    ConvergenceError
+        If it walks: then there is none. If a law is not solved at its samples.
+    """
+    if found.unsolved:
+        raise ConvergenceError(
+            f"steady state: a law is not solved at its samples at {found.hz:.6g} Hz, {found.level:g} N, "
+            f"{found.closure:.1%} of its force is open; try more samples, or less damping in the law"
+        )
+    if found.walks:
+        raise ConvergenceError(
+            f"steady state: no motion is periodic at {found.hz:.6g} Hz, {found.level:g} N; friction pushes the body "
+            f"along, nothing balances its mean, {found.unheld:.2g} of the excitation; simulate it in time instead"
+        )
+    return found
 
 
 @one_thread
