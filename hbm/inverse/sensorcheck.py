@@ -19,7 +19,7 @@ from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
 from hbm.inverse.units import OPPOSITE, mistaken
 from hbm.measurement.spectra import MeasuredSpectra
-from models.beam import Beam
+from models.change import structure_change
 from models.rig import Rig
 
 SURE = 20.0
@@ -352,19 +352,18 @@ def _significance(base: Readings, channel: str) -> float:
     error, variance = base.against(channel, base.others((channel,)))
     fitted = np.einsum("rks,rks->rk", base.rows[:, :, j], state)
     changes = [fitted, -1j * base.k_Omega * fitted]
-    beam = base.seen.rig.beam
-    if beam is not None and channel in base.seen.channels:
-        changes.append(_by_position(base, j, state[..., :2], beam))
+    if base.seen.rig.beam is not None and channel in base.seen.channels:
+        changes.append(_by_position(base, j, state[..., :2]))
     projected = [float(np.sum((c.conj() * error).real / variance)) ** 2 for c in changes]
     power = [float(np.sum(np.abs(c) ** 2 / variance)) for c in changes]
     return max(a / b if b > 0.0 else 0.0 for a, b in zip(projected, power, strict=True))
 
 
-def _by_position(base: Readings, j: int, state: Complex, body: Beam) -> Complex:
+def _by_position(base: Readings, j: int, state: Complex) -> Complex:
     """Change of a channel's reading per metre along the beam, by the modes kept."""
-    seen = base.seen
-    position = next(c.position for c in seen.rig.channels if c.name == seen.channels[j])
-    slope = body.shapes(np.array([position]), 1)[0]
+    seen, name = base.seen, base.seen.channels[j]
+    place = 2 + [c.name for c in seen.rig.response_channels].index(name)  # behind the slip and the drive
+    slope = structure_change(seen.rig, (f"channels.{name}.position",)).rows[0, place]
     pushes = np.stack([seen.structure.slip_row, seen.structure.excitation])
     q = (state @ pushes + base.coupling.forces[:, 1:]) / seen.stiffness[:, 1:]
     return np.asarray(base.weight[:, :, j] * seen.factor[:, 1:, j] * (q @ slope))

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 
 from hbm.inverse.reconstruct import reconstruct
-from hbm.inverse.sensorcheck import check_sensors
+from hbm.inverse.sensorcheck import _by_position, _readings, check_sensors
 from hbm.measurement.repeatability import unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.response.synthesis import synthesize
+from models.causes.cause import Cause
+from models.causes.structure import AddedMass, AttachedResonator
 from models.published import paper_rig
 from models.rig import Rig
 from tests.inverse.measurement import RIG, SAMPLES, measured, respond, with_noise
 
 STD = {"force": 1e-4, **{f"a{i}": 0.02 for i in range(1, 7)}}
+STEADY = {"mass": 0.05, "frequency_hz": 60.0}
 THETA = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
 
 
@@ -60,6 +64,26 @@ def exchanged(spectra: MeasuredSpectra, a: str, b: str) -> MeasuredSpectra:
     i, j = spectra.index(a), spectra.index(b)
     order[i], order[j] = j, i
     return replace(spectra, coefficients=spectra.coefficients[:, order], std=spectra.std[:, order])
+
+
+@pytest.mark.parametrize(
+    "attached", [(AddedMass, {"mass": 0.2, "position": 0.4}), (AttachedResonator, {**STEADY, "position": 0.2})]
+)
+def test_shifts_are_looked_for_on_a_beam_with_attachments(attached: tuple[type[Cause], dict[str, float]]) -> None:
+    """Its modes are not those of the bare beam, and there may be more of them."""
+    kind, values = attached
+    rig = kind().extend(RIG, values)
+    spectra = synthesize(rig, (3.0,), (36.0, 42.0, 150.0), snr=80.0, seed=1, harmonics=5).spectra
+    base = _readings(rig, spectra)
+    name = base.channels[2]
+    there, step = next(c.position for c in RIG.channels if c.name == name), 1e-5
+    up, down = (
+        _readings(replace(rig, channels=elsewhere(name, there + x).channels), spectra).rows[:, :, 2]
+        for x in (step, -step)
+    )
+    moved = np.einsum("rks,rks->rk", (up - down) / (2 * step), base.everyone.state)
+    by_shift = _by_position(base, 2, base.everyone.state[..., :2])
+    assert np.abs(by_shift - moved).max() < 0.01 * np.abs(moved).max()
 
 
 def elsewhere(channel: str, position: float) -> Rig:
