@@ -180,6 +180,16 @@ class Coupled:
             fit = least_squares(residuals, self.x, jac=lambda x: self._at(x)._slopes(), x_scale="jac", max_nfev=steps)
         return self._at(fit.x)
 
+    def beside_beyond(self) -> "Coupled":
+        """The same with the mode above the band where these modes ask for it: normal ones asked for another."""
+        if not self.problem.together.beyond:
+            return self
+        slopes = self.problem.with_share(self._slopes(), self.rest, self.turns)
+        size = np.linalg.norm(slopes, axis=0)
+        step = np.linalg.lstsq(slopes / size, -as_reals(self.left).ravel(), rcond=None)[0][-1] / size[-1]
+        problem = self.problem.with_beyond(self.problem.together.beyond + step)
+        return replace(self, problem=problem).fitted(STEPS)
+
     def joined(self) -> "Coupled | None":
         """The same with two groups made one, where a pair of modes asks for it most; the first pair beyond doubt."""
         group = {mode: i for i, modes in enumerate(self.groups) for mode in modes}
@@ -263,7 +273,7 @@ def coupled(problem: Problem, x: Array, modes: int, drive: str) -> Coupled | Non
         if further.bic >= bic:
             break
         best, bic = further, further.bic
-    return None if best is normal else best.fitted(STEPS)
+    return None if best is normal else best.fitted(STEPS).beside_beyond().beside_beyond()
 
 
 def _normal(problem: Problem, x: Array, modes: int, drive: int) -> Coupled | None:

@@ -40,6 +40,9 @@ CLOSE = 1.5
 """Misfit above which what the channels ask for is not small, and one step does not tell their delays."""
 
 
+FALL = 0.1
+"""A drive is asked whether it is there where the misfit falls below this part without one."""
+
 PART = 0.1
 """A channel moves in a mode by this part of that which moves most, at least, where its sign says where the force is."""
 
@@ -114,11 +117,14 @@ def fit_modes(
     found = _finished(_searched(problem, modes), fixed=modes is not None)
     if _doubtful(found):
         found = _with_delays(problem, found, modes, phase=phase, drive=drive)
-    if drive is not None and (found.misfit > CLOSE or not responses.sized):
-        _expect_there(_finished(_searched(Problem(responses, phase, None), modes), fixed=modes is not None), drive)
+    damped = None if drive is None or not found.modes else _damped(found, drive, fixed=modes is not None)
+    misfit = found.misfit if damped is None else damped.misfit
+    if drive is not None and (misfit > CLOSE or not responses.sized):
+        anywhere = _searched(Problem(responses, phase, None), modes)
+        if anywhere.misfit < FALL * misfit:
+            _expect_there(_finished(anywhere, fixed=modes is not None), drive)
     if not found.modes:
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
-    damped = None if drive is None else _damped(found, drive, fixed=modes is not None)
     if damped is None:
         return _beside_phases(found, found.problem.described(found.x, found.modes), found.bic)
     return _beside_phases(found, damped.described(), damped.bic)

@@ -82,21 +82,29 @@ class Problem:
         It is at twice the highest frequency at most: what is further is described as well without it.
         """
         poles, turns = self.poles(x, modes), self.turns(x)
-        highest = (self.together.middle / self.together.omega[-1]) ** 2
-
-        def at(share: float) -> "Problem":
-            of = copy(self)
-            of.together, of.alone = replace(self.together, beyond=share), replace(self.alone, beyond=share)
-            return of
 
         def left(share: float) -> float:
-            of = at(share)
+            of = self.with_beyond(share)
             return of._chi2(of._beside(poles, turns, of.together), modes)
 
-        tried = highest * np.linspace((1.0 / FAR) ** 2, (1.0 / OUTSIDE) ** 2, SHARES)
+        nearest, furthest = self._shares
+        tried = np.linspace(furthest, nearest, SHARES)
         best = int(np.argmin([left(share) for share in tried]))
-        around = tried[max(best - 1, 0)], tried[min(best + 1, SHARES - 1)]
-        return at(float(minimize_scalar(left, bounds=around, method="bounded", options={"xatol": CLOSER * highest}).x))
+        around, close = (tried[max(best - 1, 0)], tried[min(best + 1, SHARES - 1)]), {"xatol": CLOSER * nearest}
+        return self.with_beyond(minimize_scalar(left, bounds=around, method="bounded", options=close).x)
+
+    @property
+    def _shares(self) -> tuple[float, float]:
+        """Shares of a mode just above the band, and of one as far above as is looked for."""
+        highest = float(self.together.middle / self.together.omega[-1]) ** 2
+        return highest / OUTSIDE**2, highest / FAR**2
+
+    def with_beyond(self, share: float) -> "Problem":
+        """The same with a mode above the band, of a share between those of the nearest and of the furthest."""
+        nearest, furthest = self._shares
+        of, share = copy(self), float(np.clip(share, furthest, nearest))
+        of.together, of.alone = replace(self.together, beyond=share), replace(self.alone, beyond=share)
+        return of
 
     def late(self) -> "Problem":
         """The same where each channel may come late, wherever it is that moves with the force."""
@@ -318,10 +326,14 @@ class Problem:
 
     def covariance(self, slopes: Array, rest: Array, turns: Array, misfit: float) -> Array:
         """Covariance of unknowns by slopes of what is left, and of the share of a mode above the band beside them."""
-        if self.together.beyond:
-            moved = self.together.turned(turns) * self.together.of_beyond(rest)
-            slopes = np.column_stack([slopes, as_reals(self.together.whitened(-moved)).ravel()])
-        return covariance_of(slopes) * self.noise(misfit)
+        return covariance_of(self.with_share(slopes, rest, turns)) * self.noise(misfit)
+
+    def with_share(self, slopes: Array, rest: Array, turns: Array) -> Array:
+        """Slopes of what is left, and those to the share of a mode above the band beside them, where there is one."""
+        if not self.together.beyond:
+            return slopes
+        moved = self.together.turned(turns) * self.together.of_beyond(rest)
+        return np.column_stack([slopes, as_reals(self.together.whitened(-moved)).ravel()])
 
 
 def covariance_of(slopes: Array) -> Array:
