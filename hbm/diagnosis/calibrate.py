@@ -15,7 +15,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.fit import fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, Model
-from hbm.outputerror.nominal import SHAPES, tolerances
+from hbm.outputerror.nominal import RESIDUALS, SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.sensitivity.scalars import SENSORS
 from models.causes.parameter import WrongParameter
@@ -38,10 +38,11 @@ def trusted(rig: AnyRig, channels: Collection[str] = (), stated: Mapping[str, fl
 
 
 def profiled(model: Model) -> Model:
-    """The same with its calibrated numbers free, those of loads and of places and sensors excepted."""
+    """The same with its calibrated numbers free, those of loads and of places and sensors excepted, and what is 0."""
+    numbers, of_places = model.nominal.numbers, (SENSORS, SHAPES, RESIDUALS, "excitation.")
 
     def held(key: str) -> bool:
-        return key.startswith((SENSORS, SHAPES, "excitation.")) or key.endswith(".normal_load")
+        return key.startswith(of_places) or key.endswith(".normal_load") or not numbers[key][0]
 
     return Model(model.nominal, {key: std if held(key) else np.inf for key, std in model.calibrated.items()})
 

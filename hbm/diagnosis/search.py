@@ -282,10 +282,12 @@ class Search(Standing):
     def _less_moved(self, fits: Sequence[Evaluation]) -> list[Evaluation]:
         """The best cause and pair, if small errors move exact numbers out of tolerances, fitted so that they stay.
 
-        Numbers at their bounds may leave more than these errors: how much is asked where they stay.
+        Numbers at their bounds may leave more than these errors: how much is asked where they stay. And what they
+        contain, which has but to be simpler.
         """
-        of_size = ([e for e in best_of(fits) if len(e.model.causes) == size] for size in (1, 2))
-        best = [e for ranked in of_size for e in ranked[:1] if not self.tolerable(e) and self._takes(e)]
+        of_size = [[e for e in best_of(fits) if len(e.model.causes) == size] for size in (1, 2)]
+        chosen = [one_of_each([*ranked[:1], *inside(ranked[0], ranked)]) for ranked in of_size if ranked]
+        best = [e for ranked in chosen for e in ranked if not self.tolerable(e) and self._takes(e)]
         again = ([*filter(self._stays, less_moved(e, self.nominal, self.campaign))] for e in best)
         return [min(stay, key=lambda w: w.chi2) for stay in again if stay]
 

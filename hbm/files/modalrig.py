@@ -64,6 +64,7 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
         f"modal_ratios = {_row(ratio_std, 2)}"
         if damping_std is None
         else f"damping_matrix = {_matrix(damping_std, 2)}",
+        *([] if beyond is None else [f"flexibility = {_matrix(_unseen(beyond, list(ports), at), 2)}"]),
         "",
         "[modal.tolerances.ports]",
         *(f'"{port}" = {_row(spread, 2)}' for port, (_, spread) in ports.items()),
@@ -129,6 +130,17 @@ def _flexibility(modes: Modes, ports: list[str], at: str, *, masses: bool, beyon
     seen = [ports.index(channel) for channel in modes.responses.channels]
     out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.flexibility(masses=masses, beyond=beyond)
     return out
+
+
+def _unseen(beyond: _Written, ports: list[str], at: str) -> Array:
+    """Deviations of the flexibility that no force at its place has shown: as much as the mode above the band answers.
+
+    There are more modes above it than the one that is seen from the place of the force.
+    """
+    shapes = np.append(beyond.shapes[:, 0], beyond.root)[: len(ports)]
+    answer = np.abs(np.outer(shapes, shapes)) / (2 * np.pi * beyond.hz[0]) ** 2
+    answer[ports.index(at)] = answer[:, ports.index(at)] = 0.0
+    return np.asarray(answer)
 
 
 def _damping(modes: Modes, below: _Written | None, beyond: _Written | None) -> tuple[Array, Array] | tuple[None, None]:
