@@ -222,17 +222,19 @@ class LawOverPeriod(SteadyPeriod):
         """
         self.shown(signals, Omega, environment)
         evaluate, (_, _, table, _) = buffered(self.functions.tangent(), self._inputs)
-        evaluate()
-        local = self._unpacked(table, self.functions)
+
+        def read() -> Slopes:
+            evaluate()
+            return self._unpacked(table).copy()
 
         def virgin() -> Slopes:
             steady = self._carried.copy()
             self._carried[:] = 0.0
-            evaluate()
+            found = read()
             self._carried[:] = steady
-            return local
+            return found
 
-        return Loop(local.copy(), virgin).changed(self._sampled(signals, Omega, change))[:, 0]
+        return Loop(read(), virgin).changed(self._sampled(signals, Omega, change))[:, 0]
 
     def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
         """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""

@@ -173,12 +173,12 @@ class JointOverPeriod(SteadyPeriod):
             Changes of the law's parameters, and of the compliance that it takes into account.
         """
         self.shown(signals, Omega)
-        numbered = slice(self._slopes.outputs_by_inputs.shape[2], None)
+        numbered = slice(len(self.functions.reads) + self.functions.timed, None)
         evaluate, (_, _, table, _) = buffered(self.functions.by_numbers, self._inputs)
 
         def read() -> Slopes:
             evaluate()
-            return self._unpacked(table, self.functions).to(numbered).copy()
+            return self._unpacked(table).to(numbered).copy()
 
         def virgin() -> Slopes:
             kept = self._carried.copy()

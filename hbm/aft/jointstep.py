@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.period import unrolled
-from hbm.aft.slopes import packed
+from hbm.aft.slopes import Layout, packed
 from models.joints.law import Form, JointLaw, JointSample, form, numbers, of_form, with_symbols
 
 ENVIRONMENT = ("dt", "C")
@@ -94,13 +94,12 @@ class JointStep:
         matrix = ca.SX.eye(self.ports) - self.slope
         return open_change / matrix if self.ports == 1 else ca.mtimes(ca.inv(matrix), open_change)
 
-    def slopes(self, to: Any) -> Any:
-        """Derivatives of (forces, memory after) to (memory before, `to`)."""
-        x = ca.vertcat(self.memory, to)
+    def slopes(self, to: Any) -> tuple[Any, Layout]:
+        """Derivatives of (forces, memory after) to (memory before, `to`), see :func:`hbm.aft.slopes.packed`."""
+        x, after = ca.vertcat(self.memory, to), ca.vertcat(self.z_new, self.f) if self.remembers else self.z_new
         by_x = ca.jacobian(self.force, x)
         of_force = self._closed(by_x) if self.implicit else by_x
-        rows = [of_force, ca.jacobian(self.z_new, x) + ca.jacobian(self.z_new, self.f) @ of_force]
-        return ca.vertcat(*rows, of_force) if self.remembers else ca.vertcat(*rows)
+        return packed(ca.vertcat(of_force, ca.jacobian(after, x)), ca.jacobian(after, self.f))
 
 
 @dataclass(frozen=True)
@@ -115,8 +114,8 @@ class JointFunctions:
         Which signals (of the sample, then of the one before) the law depends on.
     timed : bool
         Whether it depends on the time between samples.
-    apart : bool
-        Whether no state acts on another one; slopes are stored as :func:`hbm.aft.slopes.packed` leaves them.
+    layout : Layout
+        How slopes are stored.
     sample : (carried, signals before, signals, environment, p) -> carried
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (forces, gap, carried)
@@ -129,7 +128,7 @@ class JointFunctions:
     memory: int
     reads: tuple[int, ...]
     timed: bool
-    apart: bool
+    layout: Layout
     sample: ca.Function
     march: ca.Function
     force: ca.Function
@@ -165,13 +164,13 @@ def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointF
         )
 
     def with_derivatives(to: Any) -> ca.Function:
-        return unrolled(stepped(step.f, gap, packed(step.slopes(to), step.ports)[0]), N_t)
+        return unrolled(stepped(step.f, gap, step.slopes(to)[0]), N_t)
 
     return JointFunctions(
         memory=step.memory.numel(),
         reads=step.reads,
         timed=step.uses_time,
-        apart=packed(step.slopes(inputs), step.ports)[1],
+        layout=step.slopes(inputs)[1],
         sample=stepped(),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),

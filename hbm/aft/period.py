@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hbm.aft.slopes import packed
+from hbm.aft.slopes import Layout, packed
 from hbm.aft.step import ENVIRONMENT, SIGNALS, LawStep, law_step, per_law
 from models.friction import FrictionLaw
 
@@ -32,8 +32,8 @@ class LawFunctions:
         How many of the carried values decide what follows.
     active : tuple of int
         Which of (signals, dt, signals before) the law depends on.
-    apart : bool
-        Whether no state acts on another one; slopes are stored as :func:`hbm.aft.slopes.packed` leaves them.
+    layout : Layout
+        How slopes are stored.
     sample : (carried, signals before, signals, environment, p) -> (carried, T)
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (T, gap, carried)
@@ -46,7 +46,7 @@ class LawFunctions:
 
     states: int
     active: tuple[int, ...]
-    apart: bool
+    layout: Layout
     sample: ca.Function
     march: ca.Function
     force: ca.Function
@@ -94,12 +94,11 @@ class _Sample:
         """Values that the next sample needs."""
         return ca.vertcat(self.z_new, self.T) if self.carries_force else self.z_new
 
-    def slopes(self, to: Any) -> Any:
-        """Derivatives of (T, states) to (states before, `to`), by the implicit function theorem."""
-        x = ca.vertcat(self.states, to)
+    def slopes(self, to: Any) -> tuple[Any, Layout]:
+        """Derivatives of (T, states) to (states before, `to`), by the implicit function theorem, as they are stored."""
+        x, after = ca.vertcat(self.states, to), ca.vertcat(self.z_new, self.T) if self.step.uses_force else self.z_new
         T_slopes = ca.jacobian(self.force, x) / (1.0 - self.slope)
-        rows = [T_slopes, ca.jacobian(self.z_new, x) + ca.jacobian(self.z_new, self.T) @ T_slopes]
-        return ca.vertcat(*rows, T_slopes) if self.step.uses_force else ca.vertcat(*rows)
+        return packed(ca.vertcat(T_slopes, ca.jacobian(after, x)), ca.jacobian(after, self.T))
 
 
 def unrolled(step: ca.Function, N_t: int) -> ca.Function:
@@ -138,7 +137,8 @@ def _block(step: ca.Function, length: int) -> ca.Function:
 def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
     """Functions of a law over N_t samples that solve T = law(T) with so many iterations."""
     sample = _Sample(law_step(law))
-    depends = ca.sum1(ca.DM(sample.slopes(sample.inputs).sparsity(), 1)).full().ravel()[sample.states.numel() :]
+    by_inputs = ca.jacobian(ca.vertcat(sample.force, sample.z_new), sample.inputs)
+    depends = ca.sum1(ca.DM(by_inputs.sparsity(), 1)).full().ravel()
     active = tuple(int(i) for i in np.flatnonzero(depends))
     inputs = sample.inputs[list(active)]
     constants = [sample.environment[ENVIRONMENT.index(name)] for name in ("P", "C")]
@@ -149,12 +149,12 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
         return ca.Function("step", sample.arguments, results, {"cse": True})
 
     def with_derivatives(to: Any) -> ca.Function:
-        return unrolled(stepped(sample.T, gap, packed(sample.slopes(to), 1)[0]), N_t)
+        return unrolled(stepped(sample.T, gap, sample.slopes(to)[0]), N_t)
 
     return LawFunctions(
         states=sample.states.numel(),
         active=active,
-        apart=packed(sample.slopes(inputs), 1)[1],
+        layout=sample.slopes(inputs)[1],
         sample=stepped(sample.T),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(sample.T, gap), N_t),

@@ -12,11 +12,8 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.linalg import lapack
 
-from hbm.aft.slopes import Slopes
+from hbm.aft.slopes import FEW_STATES, Slopes
 from hbm.fourier import Array
-
-FEW_STATES = 5
-"""Up to so many internal states the recurrence is solved as one banded system, else sample by sample."""
 
 ROUNDING = 1e-12
 """An anchor stays where its slope to itself is one and those to the inputs are none, to this fraction."""

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.recurrence import NEUTRAL, monodromy, radius
-from hbm.aft.slopes import Slopes, unpacked
+from hbm.aft.slopes import Layout, Slopes, unpacked
 from hbm.fourier import Array
 
 CLOSURE = 1e-12
@@ -39,8 +39,8 @@ class Functions(Protocol):
     """What :class:`hbm.aft.period.LawFunctions` and :class:`hbm.aft.jointstep.JointFunctions` share."""
 
     @property
-    def apart(self) -> bool:
-        """Whether no state acts on another one, see :func:`hbm.aft.slopes.packed`."""
+    def layout(self) -> Layout:
+        """How slopes are stored."""
 
     @property
     def march(self) -> ca.Function:
@@ -70,10 +70,12 @@ class SteadyPeriod:
         Buffers of the forces, and of what f = law(f) is short of.
     _table : (N_t * stored,) array
         Buffer of the slopes.
-    _slopes : Slopes
-        Views of it.
+    _layout : Layout
+        How they are stored there.
     _sloped : bool
         Whether it belongs to the period in the other buffers.
+    _known : Slopes or None
+        What it holds then, once it was asked for.
     _march, _with_slopes, _without_slopes : callable
         Fill the buffers over a period from the state carried.
     _fades : bool
@@ -94,7 +96,8 @@ class SteadyPeriod:
     _forces: Array
     _gap: Array
     _table: Array
-    _slopes: Slopes
+    _layout: Layout
+    _known: Slopes | None
     _sloped: bool
     _march: Callable[[], None]
     _with_slopes: Callable[[], None]
@@ -113,13 +116,13 @@ class SteadyPeriod:
         self._march, (self._marched,) = buffered(functions.march, self._inputs)
         self._with_slopes, (self._forces, self._gap, self._table, self._end) = buffered(functions.period, self._inputs)
         self._without_slopes, _ = buffered(functions.force, self._inputs, [self._forces, self._gap, self._end])
-        self._slopes = self._unpacked(self._table, functions)
+        self._layout, self._known = functions.layout, None
         self._sloped = False
 
-    def _unpacked(self, table: Array, functions: Functions) -> Slopes:
-        """Views of the slopes in a buffer that a function over a period filled."""
+    def _unpacked(self, table: Array) -> Slopes:
+        """Slopes in a buffer that a function over a period filled."""
         by_sample = table.reshape(len(self._forces) // self._outputs, -1)
-        return unpacked(by_sample, self._outputs, self._memory, apart=functions.apart)
+        return unpacked(by_sample, self._outputs, self._memory, self._layout)
 
     def _steady(self) -> float:
         """Fill the buffers with the steady period, and return the closure of the loop."""
@@ -135,7 +138,7 @@ class SteadyPeriod:
             self._with_slopes()
         else:
             self._without_slopes()
-        self._sloped = self._fades
+        self._sloped, self._known = self._fades, None
 
     @property
     def _local(self) -> Slopes:
@@ -143,7 +146,9 @@ class SteadyPeriod:
         if not self._sloped:
             self._with_slopes()
             self._sloped = True
-        return self._slopes
+        if self._known is None:
+            self._known = self._unpacked(self._table)
+        return self._known
 
     def _first_period(self) -> Slopes:
         """The slopes along the period from the virgin state; the buffers go on holding the steady one."""
@@ -151,7 +156,7 @@ class SteadyPeriod:
         steady = [buffer.copy() for buffer in buffers]
         self._carried[:] = 0.0
         self._with_slopes()
-        first = self._slopes.copy()
+        first = self._unpacked(self._table).copy()
         for buffer, values in zip(buffers, steady, strict=True):
             buffer[:] = values
         return first

@@ -120,6 +120,7 @@ EVERY_LAW = [
     LuGre(mu_static=0.5, mu=0.3, stribeck_velocity=2e-3, stiffness=1e7, bristle_damping=300.0, viscous=10.0),
     Hybrid(0.5, 0.3, 2e-3, 1.5e7, 6e7, 6e7, 300.0, 200.0),
     Iwan(mu=0.5, stiffness=1e7, spread=0.9, elements=4),
+    Iwan(mu=0.5, stiffness=1e7, spread=0.9, elements=8),
     Viscous(2000.0),
 ]
 
@@ -212,11 +213,13 @@ def test_anchors_side_by_side_are_not_marched(amplitude, least, most):
     assert along == pytest.approx(by_change, rel=1e-10, abs=1e-10 * np.abs(by_change).max())
 
 
-def test_slopes_of_elements_side_by_side_are_as_many_as_the_elements():
-    """None of them is told of the others: twice as many take twice the memory and time."""
+@pytest.mark.parametrize("compliance", [0.0, 3e-8])
+def test_slopes_of_elements_side_by_side_are_as_many_as_the_elements(compliance):
+    """None is told of the others, but through their force: twice as many take twice the memory and time."""
     basis = FourierBasis(3, 32)
     few, many = (
-        JointOverPeriod(Friction(Iwan(0.4, 1e6, elements=n), P), basis).functions.period.numel_out(2) for n in (20, 40)
+        JointOverPeriod(Friction(Iwan(0.4, 1e6, elements=n), P), basis, compliance).functions.period.numel_out(2)
+        for n in (20, 40)
     )
     assert many < 2 * few
 
