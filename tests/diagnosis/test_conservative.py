@@ -22,7 +22,7 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
 from models.bodies import ModalModel
-from models.causes.joints import CubicStiffness, QuadraticDamping
+from models.causes.joints import CubicStiffness, QuadraticDamping, QuinticStiffness
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Dashpot, Joint
 from models.joints.law import JointLaw
@@ -216,3 +216,31 @@ def test_calibration_that_trades_the_response_for_its_precise_harmonics_is_not_w
     assert nominal["train"].chi2_reduced > calibrated["train"].chi2_reduced
     assert diagnosis.verdict == "consistent"
     assert diagnosis.remainder.size == pytest.approx(nominal["train"].nrmse, rel=1e-3)  # beyond noise
+
+
+def test_flexibility_that_no_force_has_shown_does_not_hide_a_spring() -> None:
+    """Modes above those of the rig file give way between the ends of the spring, and the drive does not show it."""
+    shapes = (2.0, -2.4, 2.2)
+    further = {port: (*row, shape) for (port, row), shape in zip(PORTS.items(), shapes, strict=True)}
+    true = replace(
+        RIG,
+        body=ModalModel((16.45, 39.66, 55.3, 600.0), further),
+        damping=Damping(modal_ratios=(0.012, 0.0075, 0.008, 0.008)),
+    )
+    static = np.array(true.body.with_modes(3, true.places).flexibility)
+    seen = np.where(np.arange(3) * np.arange(3)[:, None] == 0, static, 0.0)
+    unseen = {
+        f"modal.flexibility[{i + 1}][{j + 1}]": abs(float(static[i, j])) for i, j in ((1, 1), (1, 2), (2, 2))
+    }  # of what is 0 absolute
+    stated = replace(RIG, body=replace(RIG.body, flexibility=tuple(map(tuple, seen.tolist()))), tolerances=unseen)
+    measured = records(CUBIC, structure=true)
+    found = diagnose(stated, measured, causes=(CubicStiffness, QuinticStiffness))
+    assert (found.verdict, found.cause) == ("cause-found", "cubic-stiffness")
+    assert found.parameters["at"].value == "m2" and found.parameters["to"].value == "m3"
+    cubic = found.parameters["cubic"]
+    assert isinstance(cubic.value, float) and cubic.std is not None
+    assert abs(cubic.value - CUBIC.cubic) < 3.0 * cubic.std < 0.1 * CUBIC.cubic
+    relative = np.array([0.0, -1.0, 1.0])  # of the ends of the spring
+    assert found.extended is not None
+    known = np.array(found.extended.body.flexibility)
+    assert relative @ known @ relative == pytest.approx(relative @ static @ relative, rel=0.2)

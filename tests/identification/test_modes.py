@@ -15,6 +15,7 @@ from hbm.identification.modalfit import fit_modes
 from hbm.measurement.responses import FrequencyResponses
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.spectrafile import write_spectra
+from hbm.outputerror.nominal import tolerances
 
 HZ = np.array([20.0, 31.0, 33.0, 55.0, 300.0])
 RATIO = np.array([0.01, 0.004, 0.006, 0.008, 0.01])
@@ -146,7 +147,12 @@ def test_a_mode_next_above_the_band_is_no_mode_of_it_and_flexibility_is_that_at_
         whole = modal["flexibility"] + np.outer(ports, ports) / (2 * np.pi * modal["frequencies_hz"][-1]) ** 2
         assert whole[0] == pytest.approx(static[0], rel=0.15)
         assert whole == pytest.approx(static, abs=0.4 * static.max())  # also where no force acted
-        assert load_rig(tmp_path / "rig.toml").structure.n == 5
+        rig = load_rig(tmp_path / "rig.toml")
+        assert rig.structure.n == 5
+        known = tolerances(rig)  # of what no force has shown, which is 0
+        unseen = {(i, j): known[f"modal.flexibility[{i + 1}][{j + 1}]"] for i, j in ((1, 1), (1, 2), (2, 2))}
+        assert all(abs(static[at] - whole[at]) < 1.5 * std < 3.0 * static.max() for at, std in unseen.items())
+        assert sum("flexibility" in key for key in known) == len(unseen)
 
 
 def test_a_mode_next_above_the_band_stands_beside_modes_that_damp_one_another() -> None:
