@@ -37,7 +37,7 @@ MAIN, NOTABLE = 0.5, 0.005
 is, relative to the response, where a cause is named that leaves more than noise."""
 
 WORSE = 1.05
-"""So many times what calibration leaves of the records held out a cause that leaves more than noise may leave."""
+"""So many times what calibration leaves of the records a cause that leaves more than noise may leave, at most."""
 
 BETTER = 0.5
 """Another cause foretells records held out much better where it leaves less than this share of the error."""
@@ -270,7 +270,7 @@ class Conclusion:
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
-        if least < MAIN or before <= NOTABLE or not agrees or not self._predicts(scored):
+        if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
             return self._without_cause(self.search.calibrated)
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
         if nearly and (settled or foretells(scored, self.calibrated)) and not self._varying:
@@ -302,11 +302,12 @@ class Conclusion:
         """Whether numbers within their tolerances leave noise alone without the cause that is found beside them."""
         return bool(best.model.calibrated) and misfit(self.search.calibrated, self.campaign).fits
 
-    def _predicts(self, scored: Predicted | None) -> bool:
-        """Whether the records held out are predicted no worse than by calibration."""
-        if scored is None or self.calibrated is None:
-            return True
-        return scored.evaluation.white.charged <= WORSE * self.calibrated.evaluation.white.charged
+    def _as_well(self, best: Evaluation, scored: Predicted | None) -> bool:
+        """Whether a cause leaves no more than calibration does, of the records fitted and of those held out."""
+        whites = [(self._noise(e).white for e in (best, self.search.calibrated))]
+        if scored is not None and self.calibrated is not None:
+            whites.append(e.evaluation.white for e in (scored, self.calibrated))
+        return all(mine.charged <= WORSE * other.charged for mine, other in whites)
 
     def _holds(self, scored: Predicted | None) -> bool:
         """Whether a cause leaves noise alone on the records held out, and no more than calibration does."""
@@ -318,8 +319,7 @@ class Conclusion:
 
     def _without_cause(self, base: Evaluation) -> Verdict:
         """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
-        base = self._agreeing(base)
-        e, scored = self._noise(base), self._scored(base)
+        e, scored = self._noise(base := self._agreeing(base)), self._scored(base)
         if nrmse(e.white) > SAYS_NOTHING:
             return "unexplained"
         if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):

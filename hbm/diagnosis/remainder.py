@@ -34,6 +34,10 @@ TOGETHER = 0.6
 """Share of one channel from which on it is said to be the one that reads otherwise."""
 
 
+UNLIKE = "noise variances), but not spread like it"
+"""What is said of a remainder that is no larger than noise as a whole, and improbable by noise in some part."""
+
+
 @dataclass(frozen=True)
 class Remainder:
     """The misfit that the model chosen leaves.
@@ -83,6 +87,8 @@ class Remainder:
             )
             return f"{explained}What remains is noise{alone}."
         where = f": {'; '.join(self.places)}" if self.places else ""
+        if not self.size:
+            return f"{explained}What remains is no larger than noise ({self.noise_variances:.3g} {UNLIKE}{where}."
         return (
             f"{explained}What remains is {percent(self.size)} of the response ({self.noise_variances:.3g} noise "
             f"variances) and more than noise{where}."

@@ -185,6 +185,11 @@ class Diagnosis(Displayed):
         left = percent(self.remainder.size)
         if self.verdict == "consistent" and not self.remainder.structured:
             return "Consistent: no discrepancy beyond noise."
+        if self.verdict == "consistent" and not self.remainder.size:
+            return (
+                "Consistent: what remains is no larger than noise; it is not spread like noise, and no cause that was "
+                "tried explains that."
+            )
         if self.verdict == "consistent":
             return (
                 f"Consistent to {left} of the response: more than noise, and no cause that was tried takes most of it."

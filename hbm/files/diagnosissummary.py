@@ -87,7 +87,8 @@ def _wrong(d: Diagnosis, where: str) -> str:
     if d.verdict != "consistent":
         return f"The {missed}{f', most clearly in {where}' if where else ''}."
     if d.remainder.structured:
-        return f"Little. The {missed}, of which {percent(d.remainder.size)} are more than noise."
+        more = f"of which {percent(d.remainder.size)} are more" if d.remainder.size else "as a whole no more"
+        return f"Little. The {missed}, {more} than noise."
     return f"Nothing. The {missed}, which is noise."
 
 

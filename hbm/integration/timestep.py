@@ -81,7 +81,7 @@ class Stepper:
         structure, law = self.rig.structure, self.rig.contact.law
         if self.rig.clamp is not None:
             raise ValueError(
-                f"time step: {self.rig.name} has a clamp that slips; must have none; harmonic balance knows it"
+                f"time step: {self.rig.name} has a clamp that slips; must have none, or a joint at slope(0) for it"
             )
         return Shape(
             form=form(law),

@@ -129,7 +129,8 @@ def synthesize(
     estimates = tuple(harmonic_spectra(r, s.hz, harmonics) for r, s in zip(recordings, states, strict=True))
     names = [c.name for c in rig.channels]
     spectra = spectra_of_records(estimates, [s.level for s in states], names, "synthesized")
-    return Synthesis(recordings, estimates, spectra, tuple(curves), tuple(_of_states(states)))
+    warnings = *_untold(_in_record(rig, 1), states[0]), *_of_states(states)
+    return Synthesis(recordings, estimates, spectra, tuple(curves), warnings)
 
 
 def _check(rig: AnyRig, levels: Sequence[float], frequencies: Sequence[float]) -> None:
@@ -170,26 +171,42 @@ def _first_stable(curve: ResponseCurve, hz: float, record: int) -> PeriodicSolut
     """The first stable steady state at a frequency along the curve, of the rig as it is in the record."""
     past = curve.hz >= hz
     rig = _in_record(curve.rig, record)
-    if rig.beam is not None:
-        rig = rig.with_modes(rig.beam.modes + MORE_MODES)
     H = holding(rig, HARMONICS)
     N_t = max(SAMPLES, default_samples(H))
     for i in np.flatnonzero(past[1:] != past[:-1]):
         near = min(curve.points[i : i + 2], key=lambda p: abs(p.hz - hz))
         try:
             found = steady_state(rig, hz, level=curve.level, harmonics=H, samples=N_t, start=near)
-            if stability_of(rig, found).stable:
+            if _may_last(rig, found):
                 return found
         except ConvergenceError:
             continue
     return None
 
 
-def _in_record(rig: AnyRig, record: int) -> AnyRig:
+def _may_last(rig: AnyRig, found: PeriodicSolution) -> bool:
+    """Whether a steady state is stable, or that cannot be told."""
     try:
-        return rig.at_record(record)
+        return stability_of(rig, found).stable
+    except ValueError:
+        return True
+
+
+def _untold(rig: AnyRig, found: PeriodicSolution) -> Iterator[str]:
+    """Say so where it cannot be told whether steady states are stable."""
+    try:
+        stability_of(rig, found)
+    except ValueError as refused:
+        yield f"{refused}; records are of the steady states that a sweep comes to first, stable or not"
+
+
+def _in_record(rig: AnyRig, record: int) -> AnyRig:
+    """The rig as it is in a record, a beam with more modes."""
+    try:
+        rig = rig.at_record(record)
     except ValueError as why:
         raise InputError(f"synthesize: {why}") from None
+    return rig if rig.beam is None else rig.with_modes(rig.beam.modes + MORE_MODES)
 
 
 def _of_states(states: Sequence[PeriodicSolution]) -> Iterator[str]:

@@ -37,7 +37,7 @@ and again."""
 def _check(problem: Balance) -> None:
     name = problem.rig.name
     if problem.clamp is not None:
-        raise ValueError(f"stability: {name} has a clamp that slips; must have none; simulate it in time instead")
+        raise ValueError(f"stability: {name} has a clamp that slips; must have none, or a joint at slope(0) for it")
     if problem.dynamic_lagrangian:
         raise ValueError(
             f"stability: {name} is rigid where {problem.rig.contact.law.name} sticks; "

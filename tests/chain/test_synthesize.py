@@ -143,3 +143,15 @@ def test_what_drifts_does_so_from_record_to_record() -> None:
     assert abs(true[2] / true[0] - 1.0) > 0.02
     with pytest.raises(InputError, match=r"^synthesize: drift of channels.a1.gain: 0 times its value in record 21"):
         synthesize(rig, [2.0], [45.0] * 21)
+
+
+def test_where_stability_cannot_be_told_it_is_said_and_records_are_made(tmp_path: Path) -> None:
+    """A clamp that slips ended in a traceback."""
+    rig, out = tmp_path / "rig.toml", tmp_path / "s.csv"
+    slips = '\n[[extensions]]\ncause = "clamp-friction"\nstiffness = 9500.0\nlimit = 0.8\n'
+    rig.write_text((Path(RIG).parent / "paper_beam.toml").read_text() + slips)
+    options = ["--levels", "2", "--frequencies", "50", "--snr", "50", "--harmonics", "3", "--out", str(out)]
+    done = run("synthesize", str(rig), *options)
+    assert done.exit_code == 0, done.output
+    assert "records are of the steady states that a sweep comes to first" in " ".join(done.output.split())
+    assert len(load_spectra(out, load_rig(rig))) == 1

@@ -123,6 +123,15 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
     )
 
 
+def test_what_is_no_larger_than_noise_but_improbable_somewhere_is_said_so(noise, campaign):
+    """Less than noise as a whole: it was said to be 0 % of the response and more than noise."""
+    quiet = replace(noise, residual=0.9 * noise.residual)
+    left = remainder(quiet, campaign, True, {})
+    assert beyond_noise(quiet) == left.size == 0.0
+    said = left.sentence.partition(":")[0].rstrip(".")
+    assert said == "What remains is no larger than noise (0.81 noise variances), but not spread like it"
+
+
 @pytest.mark.parametrize(
     ("taken", "said"),
     [
@@ -228,11 +237,27 @@ def judged(
         _noise=lambda e: e,
         _before=lambda e: SimpleNamespace(white=before),
         _holds=lambda scored: True,
-        _predicts=lambda scored: predicts,
+        _as_well=lambda best, scored: predicts,
         calibrated=None,
         _without_cause=lambda base: "none",
     )
     return Conclusion._claimed.func(concluded)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "as_well"), [(1.0, 1.0, True), (1.04, 1.04, True), (1.9, 0.7, False), (0.7, 1.2, False)]
+)
+def test_a_main_cause_leaves_no_more_than_calibration(fitted: float, held_out: float, as_well: bool):
+    """Of the records fitted too: a radius within its uncertainty of the rig file left twice as much, and was named."""
+
+    def leaving(charged: float) -> SimpleNamespace:
+        white = SimpleNamespace(charged=charged)
+        return SimpleNamespace(white=white, evaluation=SimpleNamespace(white=white))
+
+    found = SimpleNamespace(
+        _noise=lambda e: e, search=SimpleNamespace(calibrated=leaving(1.0)), calibrated=leaving(1.0)
+    )
+    assert Conclusion._as_well(found, leaving(fitted), leaving(held_out)) is as_well
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
