@@ -214,9 +214,9 @@ def test_warnings_stay_with_the_record_they_are_about(ending: str, tmp_path: Pat
 
 def test_many_warnings_are_cut_short() -> None:
     n = MOST_WARNINGS + 2
-    empty = np.zeros(0)
+    empty, none = np.zeros(0), np.zeros((0, 0, 1))
     spectra = MeasuredSpectra(
-        "s.csv", empty.astype(int), empty, empty, (), empty, empty, tuple((i, "x") for i in range(n))
+        "s.csv", empty.astype(int), empty, empty, (), none, none, tuple((i, "x") for i in range(n))
     )
     assert len(spectra.warnings) == MOST_WARNINGS + 1
     assert spectra.warnings[-1] == "2 more warnings are in s.csv."

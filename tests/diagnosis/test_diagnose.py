@@ -176,7 +176,8 @@ def test_a_sensor_far_from_its_place_is_found_where_small_steps_foresee_nothing(
     assert (found.verdict, found.cause) == ("cause-found", "sensor-position")
     position = found.parameters["position"]
     assert abs(position.value - rig.number("channels.a1.position")) < 3 * position.std
-    assert "sensor-position a1 (2 of 2)" in told  # at once, not after all else has failed
+    # at once, behind the force and beside the gain, not after all else has failed
+    assert "sensor-gain a1, sensor-position a1 (3 of 3)" in told
 
 
 def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):
