@@ -441,7 +441,7 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     fits = (best, *(SimpleNamespace(model=SimpleNamespace(label=label)) for label in tried))
     search: Any = SimpleNamespace(
         identified=False, candidates=(stop, spring, ClampRotation()), campaign=Campaign(None, None),  # type: ignore[arg-type]
-        fitted=[], tried=1, _decided=lambda base, fits, tried: (base, fits),
+        fitted=[], tried=1, _alike=lambda cause: [], _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
     search._held_in = partial(Search._held_in, search)
     found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
