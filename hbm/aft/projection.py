@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hbm.aft.recurrence import anchored, gradients
+from hbm.aft.recurrence import anchored, gradients, stays
 from hbm.aft.slopes import Slopes
 from hbm.fourier import Array, FourierBasis
 
@@ -98,16 +98,39 @@ def _pulls(slopes: Slopes, W: Array, virgin: Callable[[], Slopes]) -> Pulls | No
     if anchors is None:
         return None
     before, by_inputs = anchors
+    if slopes.states == 1:
+        return _pulls_of_one(slopes, W, int(before[0, 0]), by_inputs[:, 0])
     pull = slopes.outputs_by_states.transpose(2, 0, 1)
     state, k = np.nonzero(pull.any(axis=2) & (before.T >= 0))
     at = before[k, state]
     if not len(at):
         return NONE
-    stays = at + len(W.T) * state
-    starts = np.append(0, 1 + np.flatnonzero(stays[1:] != stays[:-1]))
+    held = at + len(W.T) * state
+    starts = np.append(0, 1 + np.flatnonzero(held[1:] != held[:-1]))
     there, which = at[starts], state[starts]
     force = np.add.reduceat(W[:, k] * pull[state, k].T[:, None], starts, axis=2)
     return Pulls(there, by_inputs[there, which], force)
+
+
+def _pulls_of_one(slopes: Slopes, W: Array, last: int, by_inputs: Array) -> Pulls:
+    """The same of a single anchor, dragged last before the period at a sample, -1 for none: a product for each stay."""
+    pull, dragged = slopes.outputs_by_states[:, :, 0], np.flatnonzero(~stays(slopes.transitions[:, 0]))
+    if not len(dragged):
+        begins = [last] * (last >= 0)
+        return Pulls(np.array(begins, dtype=np.intp), by_inputs[begins], (W @ pull).T[:, :, None][:, :, : len(begins)])
+    pairs = [(int(dragged[i]), int(dragged[i + 1])) for i in np.flatnonzero(np.diff(dragged) > 1)]
+    if dragged[-1] - dragged[0] < len(pull) - 1:
+        pairs.append((int(dragged[-1]), int(dragged[0])))
+    begins = [begin for begin, _ in pairs]
+    force = np.array([_sum_between(W, pull, *pair) for pair in pairs]).reshape(-1, pull.shape[1], len(W))
+    return Pulls(np.array(begins, dtype=np.intp), by_inputs[begins], force.transpose(1, 2, 0))
+
+
+def _sum_between(W: Array, pull: Array, begin: int, end: int) -> Array:
+    """Sum of W pull (outputs, m) over the samples behind `begin` and before `end`, around the period."""
+    if begin < end:
+        return np.asarray((W[:, begin + 1 : end] @ pull[begin + 1 : end]).T)
+    return np.asarray((W[:, begin + 1 :] @ pull[begin + 1 :] + W[:, :end] @ pull[:end]).T)
 
 
 def _at_once(slopes: npt.NDArray[np.float64], basis: FourierBasis) -> Array:

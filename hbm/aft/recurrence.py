@@ -190,7 +190,12 @@ def last_dragged(slopes: Slopes) -> npt.NDArray[np.intp] | None:
         return None
     if drift.any() and (_squares(drift) > ROUNDING**2 * _squares(by_inputs)).any():
         return None
-    return np.maximum.accumulate(np.where(kept > 0.5, -1, np.arange(len(kept))[:, None]), axis=0)
+    return np.maximum.accumulate(np.where(stays(kept), -1, np.arange(len(kept))[:, None]), axis=0)
+
+
+def stays(kept: Array) -> npt.NDArray[np.bool_]:
+    """Whether an anchor with these slopes to itself, one or none, stays where it is."""
+    return kept > 0.5
 
 
 def _squares(a: Array) -> Array:
