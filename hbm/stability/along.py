@@ -72,9 +72,10 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     grown = _growths(found, ranks.size - 1)
     error = np.maximum(error[1:], error[:-1])[:, None]
     length = np.maximum(np.diff(arclength), np.finfo(float).tiny)[:, None]
-    slope = np.maximum(np.abs(np.diff(grown, axis=0)) - 2.0 * error, 0.0) / length
+    moves = np.abs(np.diff(grown, axis=0))
+    slope = np.maximum(moves - 2.0 * error, 0.0) / length
     wide = (np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), np.finfo(float).tiny))[:, None]
-    slope = np.where((wide <= NARROW) & (slope > SUDDEN * _next_to(slope)), 0.0, slope)
+    slope = np.where((wide <= NARROW) & (moves / length > SUDDEN * _next_to(moves / length)), 0.0, slope)
     steepest = np.maximum(slope, _next_to(slope))
     crossed = grown[1:] * grown[:-1] < 0.0
     ends = np.abs(grown[1:]), np.abs(grown[:-1])
@@ -84,7 +85,7 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
     grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
     shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
-    moved = np.abs(np.diff(grown, axis=0)) > error
+    moved = moves > error
     shallow |= (wide > NARROW) & moved & (np.maximum(grown[1:], grown[:-1]) > -CLOSE * error)
     shallow |= (wide > TOP) & _beside_tops(grown, error)
     out = np.asarray(np.any(concerned & (grazing | shallow | (least < STEEPER * steepest * length)), axis=1))

@@ -320,3 +320,13 @@ def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
     # a pair comes to the real axis and turns back: where it met, one of it may have left
     pair = [Stability(0.99 * np.exp(1j * np.array([a, -a])), 1.0, error=1e-3) for a in (2.68, 2.72, 3.13, 2.9)]
     assert hiding(pair, np.arange(4.0), np.full(4, 50.0)).tolist() == [False, True, True]
+
+
+def test_a_narrow_step_beside_points_as_close_as_their_error_is_no_jump() -> None:
+    """Of the paper's beam behind its fold at 48.675 Hz, downwards: a bubble of 14 mHz, met by no point."""
+    growths = (-2e-3, -1e-3, -1e-3, -1.03e-2, -6.8e-3)
+    hz = np.array([48.67537, 48.67535, 48.66062, 48.65554, 48.6493])
+    arclength = np.array([1.06309, 1.06382, 1.08383, 1.08633, 1.08882])
+    assert hiding(known_to(2e-3, *growths), arclength, hz)[1]
+    leaping = known_to(2e-3, -9e-2, -9e-2, -1e-2, -1e-2, -1e-2)  # where a sample starts to slip
+    assert not hiding(leaping, np.arange(5.0), 50.0 + 1e-3 * np.arange(5)).any()
