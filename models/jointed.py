@@ -295,6 +295,11 @@ class JointedRig(Numbered):
                     row[index[place]] += sign * weight
         return at, index[place_of(self.excitation)], [index[place_of(c)] for c in self.response_channels]
 
+    @property
+    def moved_places(self) -> Array:
+        """How far the places of each port move per mode, added up whatever their direction, (m, n)."""
+        return np.asarray(np.abs(self._touched[0]) @ np.abs(self.ported.rows))
+
     def _seen(self, p: PortedModes) -> JointedStructure:
         """Modes as joints, excitation and channels see them; linear in these."""
         at, drive, seen = self._touched
@@ -360,11 +365,8 @@ class JointedRig(Numbered):
         return [("rad", "N m") if turn else ("m", "N") for turn in turns]
 
     def _named(self, what: str) -> list[str]:
-        return [
-            f"{j.name}.{what}" + (f".{i}" if j.law.ports > 1 else "")
-            for j in self.joints
-            for i in range(1, j.law.ports + 1)
-        ]
+        ports = [(j, f".{i}" * (j.law.ports > 1)) for j in self.joints for i in range(1, j.law.ports + 1)]
+        return [f"{j.name}.{what}{port}" for j, port in ports]
 
     @property
     def computed(self) -> tuple[str, ...]:

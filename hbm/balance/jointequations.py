@@ -25,10 +25,14 @@ CENTRING = 1e-5
 """Stiffness that keeps the mean of what slides at rest, in units of that of the first elastic mode."""
 
 
-def _unseen(sees: Array) -> Array:
-    """Projector on the rigid motions (rigid, rigid) that do not move ports (m, rigid)."""
+SEEN = 1e-9
+"""A motion moves a port by more than this share of what its places move, which may all move alike; else by rounding."""
+
+
+def _unseen(sees: Array, places: Array) -> Array:
+    """Projector on the rigid motions (rigid, rigid) that do not move ports (m, rigid), whose places move so much."""
     _, sizes, directions = np.linalg.svd(sees)
-    seen = directions[: np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0))]
+    seen = directions[: np.count_nonzero(sizes > SEEN * places.max(initial=0.0))]
     return np.asarray(np.eye(sees.shape[1]) - seen.T @ seen)
 
 
@@ -94,10 +98,11 @@ class JointEquations(Scaled[JointedRig]):
         """
         if not self.rigid.size:
             return np.zeros((0, 0))
-        sees = self.structure.joints[:, self.rigid]
+        sees, places = self.structure.joints[:, self.rigid], self.rig.moved_places[:, self.rigid]
         laws = [j.law for j in self.rig.joints]
         returns = np.array([port >= law.drifting for law in laws for port in range(law.ports)], dtype=bool)
-        return np.asarray(self.omega_1**2 * (_unseen(sees) + CENTRING * _unseen(sees[returns])))
+        unseen, sliding = _unseen(sees, places), _unseen(sees[returns], places[returns])
+        return np.asarray(self.omega_1**2 * (unseen + CENTRING * sliding))
 
     @property
     def touching(self) -> tuple[int, ...]:

@@ -182,11 +182,13 @@ class _Place:
         strengths = [n for n in cause.numbers if not n.shapes]
         of = {n.name: n.of(1.0, self.reach, self.omega) for n in cause.numbers} if self.reach > 0.0 else {}
         scaled = [n.name for n in cause.numbers if n.powers[0]]
-        columns = []
+        columns, none = [], _Tried(0.0, 0.0, np.zeros(self.points), {})
         for one in strengths if of else ():
             values = {n.key: (shape[n.name] if n.shapes else float(n is one)) * of[n.name] for n in cause.numbers}
-            columns.append(self._felt(cause, way, values))
-        none = _Tried(0.0, 0.0, np.zeros(self.points), {})
+            try:
+                columns.append(self._felt(cause, way, values))
+            except ValueError:  # no law is of that size: a model that is far off moves there by kilometres
+                return none
         if not columns:
             return none
         v = np.vstack([np.array(columns).T / self.deviation, np.zeros((len(self.base.x), len(columns)))])

@@ -133,14 +133,15 @@ def _flexibility(modes: Modes, ports: list[str], at: str, *, masses: bool, beyon
 
 
 def _unseen(beyond: _Written, ports: list[str], at: str) -> Array:
-    """Deviations of the flexibility that no force at its place has shown: as much as the mode above the band answers.
+    """Deviations of the flexibility that no force at its place has shown: the most that the mode above answers.
 
-    There are more modes above it than the one that is seen from the place of the force.
+    There are more modes above it than the one that is seen from the place of the force, which may hardly move where
+    others do.
     """
     shapes = np.append(beyond.shapes[:, 0], beyond.root)[: len(ports)]
-    answer = np.abs(np.outer(shapes, shapes)) / (2 * np.pi * beyond.hz[0]) ** 2
-    answer[ports.index(at)] = answer[:, ports.index(at)] = 0.0
-    return np.asarray(answer)
+    most = np.full((len(ports), len(ports)), np.max(shapes**2) / (2 * np.pi * beyond.hz[0]) ** 2)
+    most[ports.index(at)] = most[:, ports.index(at)] = 0.0
+    return np.asarray(most)
 
 
 def _damping(modes: Modes, below: _Written | None, beyond: _Written | None) -> tuple[Array, Array] | tuple[None, None]:
@@ -155,7 +156,9 @@ def _damping(modes: Modes, below: _Written | None, beyond: _Written | None) -> t
 
 
 def _row(values: Iterable[float], digits: int = 9) -> str:
-    return "[" + ", ".join(f"{value:#.{digits}g}" for value in values) + "]"
+    """Numbers as TOML has them: behind a point there is a digit."""
+    written = (f"{value:#.{digits}g}" for value in values)
+    return "[" + ", ".join(number + "0" * number.endswith(".") for number in written) + "]"
 
 
 def _matrix(values: Array, digits: int = 9) -> str:

@@ -26,6 +26,9 @@ ROUNDS, SETTLED = 10, 1e-9
 """Times a mode is found anew with what touches as stiff as at its frequency, at most, and when that is settled."""
 
 
+AT_REST = 1e-6
+"""A rigid motion, that has no frequency, asks for stiffnesses at this share of the first elastic one."""
+
 STILL = 1e-7
 """A root is zero, or real, to within this share of the first elastic frequency, or of itself."""
 
@@ -175,12 +178,13 @@ class Touching:
     def stiffness(self, omega: float) -> Complex:
         """Force per displacement, seen by the modes, (m, m) [N/m]: in series with what the modes leave out.
 
-        The imaginary part is what is lost. Ports that are held rigidly do not move, whatever it is there.
+        The imaginary part is what is lost. Ports that are held rigidly do not move, whatever it is there. A rigid
+        motion is as slow as none.
         """
-        m = len(self.yielding)
+        m, slow = len(self.yielding), AT_REST * self._first_elastic
         K = np.zeros((m, m), dtype=complex)
         for (period, mean), at in zip(self.laws, self.ports, strict=True):
-            K[at, at] = _small(period, omega, mean)
+            K[at, at] = _small(period, max(omega, slow), mean)
         return np.asarray(K @ np.linalg.inv(np.eye(m) + self.yielding @ K))
 
     @property

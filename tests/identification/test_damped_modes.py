@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from hbm import load_rig, steady_state
 from hbm.cli import app
 from hbm.errors import InputError
+from hbm.files.modalrig import _row
 from hbm.identification.modalfit import fit_modes
 from hbm.measurement.responses import FrequencyResponses
 from hbm.outputerror.nominal import tolerances
@@ -176,3 +177,9 @@ def test_deviations_of_the_damping_are_those_of_a_diagnosis(tmp_path: Path) -> N
         (tmp_path / "wrong.toml").write_text(f"{head}damping_matrix = {wrong}\n{rest}")
         with pytest.raises(InputError, match=said):
             load_rig(tmp_path / "wrong.toml")
+
+
+def test_numbers_of_two_digits_are_toml() -> None:
+    """A deviation of 92 1/s was written as `92.`, which no reader takes."""
+    written = _row([92.4, 9.24, 924.0, 0.0, 1.2e-7], 2)
+    assert tomllib.loads(f"row = {written}")["row"] == [92.0, 9.2, 920.0, 0.0, 1.2e-7]

@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from continuation import ConvergenceError
 from hbm import frequency_response, steady_state
 from hbm.integration.jointed import simulate_joints
+from hbm.modes.linear import linear_modes
 from hbm.response.trace import trace_frequency
 from models import Coulomb, Dahl, Iwan, Jenkins
+from models.bodies.matrix import MatrixBody
 from models.bodies.modal import ModalModel
 from models.friction.law import FrictionLaw
 from models.jointed import JointedRig
-from models.joints import Friction, Joint, PolynomialSpring
+from models.joints import Friction, HystereticDamping, Joint, PolynomialSpring, Stop
 from models.parts import Damping, Excitation
 
 MU, LOAD, SLIP, FORCE = 0.5, 20.0, 1e-5, 15.0
@@ -125,3 +128,36 @@ def test_a_curve_begins_at_the_frequency_of_an_undamped_mode(start: float) -> No
     beside = steady_state(rig, start * (1.0 + 1e-9), harmonics=7)["drive"].peak
     assert curve.complete
     assert curve["drive"].peak[0] == pytest.approx(begins, rel=1e-6) == pytest.approx(beside, rel=1e-6)
+
+
+def test_a_joint_that_no_rigid_motion_moves_does_not_hold_one_by_rounding() -> None:
+    """Rigid shapes of matrices are uniform to rounding only: a stop between two masses held the chain at 1e12 m."""
+    masses = np.array([1.0, 2.0, 1.5, 1.0])
+    K = np.zeros((4, 4))
+    for i, k in enumerate((2e5, 3e5, 1e5)):
+        K[i : i + 2, i : i + 2] += k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    body = MatrixBody(np.diag(masses), K, ("1", "2", "3", "4"), modes=4, damping_matrix=1e-4 * K)
+    squares, shapes = eigh(K, np.diag(masses))
+    squares[0], shapes[:, 0] = 0.0, 1.0 / np.sqrt(masses.sum())
+    ports = {str(i): tuple(row) for i, row in enumerate(shapes.tolist(), 1)}
+    damping = tuple(map(tuple, np.diag(1e-4 * squares)))
+    exact = ModalModel(tuple(np.sqrt(squares) / (2 * np.pi)), ports, damping_matrix=damping)
+    stop = Joint("stop", Stop(1e5, 2e-5), ("2",), ("4",))
+    found, expected = (
+        steady_state(
+            JointedRig("chain", b, Damping(), (stop,), Excitation(30.0, at="1")), 45.0, harmonics=9, samples=512
+        )
+        for b in (body, exact)
+    )
+    for name in ("drive", "stop.motion", "stop.force"):
+        there = expected[name].coefficients
+        assert np.abs(found[name].coefficients - there).max() < 1e-5 * np.abs(there).max(), name
+    assert expected["stop.force"].peak > 10.0
+
+
+def test_a_free_body_with_a_loss_factor_has_modes() -> None:
+    """Its rigid motion has no frequency at which to ask for the loss."""
+    loss = Joint("loss", HystereticDamping(2e4, 45.0), ("a",), ("b",))
+    body = ModalModel((0.0, 40.0), {"a": (0.5, 0.5), "b": (0.5, -0.5)})
+    rig = JointedRig("free", body, Damping(modal_ratios=(0.01,)), (loss,), Excitation(1.0, at="a"))
+    assert linear_modes(rig).stuck_hz[0] == pytest.approx(0.0, abs=1e-6)
