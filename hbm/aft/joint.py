@@ -172,13 +172,45 @@ class JointOverPeriod(SteadyPeriod):
         numbers : (p + 1, c) array
             Changes of the law's parameters, and of the compliance that it takes into account.
         """
-        self.shown(signals, Omega)
         numbered = slice(len(self.functions.reads) + self.functions.timed, None)
+        inputs = np.broadcast_to(numbers, (self.basis.N_t, *numbers.shape))
+        return self.basis.coefficients(self._changed(signals, Omega, inputs, numbered))
+
+    def moved(self, signals: Array, Omega: float, change: Array, faster: Array, numbers: Array) -> Array:
+        """Derivatives of the forces at the samples, (N_t, m, c) [N].
+
+        Parameters
+        ----------
+        signals, Omega
+            As for :meth:`forces`.
+        change : (2H+1, 2 m + 1, c) array
+            Of the signals.
+        faster : (c,) array
+            Of the frequency [rad/s].
+        numbers : (p + 1, c) array
+            As for :meth:`along`.
+        """
+        basis, m, (size, all_signals, c) = self.basis, self.ports, change.shape
+        shown, rates = change.copy(), slice(m, 2 * m)
+        rated = Omega * basis.derivative(change[:, rates].reshape(size, m * c)).reshape(size, m, c)
+        shown[:, rates] = rated + np.multiply.outer(basis.derivative(signals[:, rates]), faster)
+        if not self._loaded:
+            shown[:, 2 * m] = 0.0
+        now = basis.samples(shown.reshape(size, all_signals * c)).reshape(-1, all_signals, c)
+        read = np.concatenate([now, np.roll(now, 1, axis=0)], axis=1)[:, list(self.functions.reads)]
+        dt = [-2 * np.pi / (Omega**2 * basis.N_t) * faster] * self.functions.timed
+        constant = np.vstack([*dt, numbers])
+        inputs = np.concatenate([read, np.broadcast_to(constant, (len(now), *constant.shape))], axis=1)
+        return self._changed(signals, Omega, inputs, slice(None))
+
+    def _changed(self, signals: Array, Omega: float, inputs: Array, chosen: slice) -> Array:
+        """Change (N_t, m, c) of the steady forces with some of the signals read, the time step and the numbers."""
+        self.shown(signals, Omega)
         evaluate, (_, _, table, _) = buffered(self.functions.by_numbers, self._inputs)
 
         def read() -> Slopes:
             evaluate()
-            return self._unpacked(table).to(numbered).copy()
+            return self._unpacked(table).to(chosen).copy()
 
         def virgin() -> Slopes:
             kept = self._carried.copy()
@@ -187,8 +219,7 @@ class JointOverPeriod(SteadyPeriod):
             self._carried[:] = kept
             return found
 
-        inputs = np.broadcast_to(numbers, (self.basis.N_t, *numbers.shape))
-        return self.basis.coefficients(Loop(read(), virgin).changed(inputs))
+        return Loop(read(), virgin).changed(inputs)
 
     def alike(self, signals: Array, Omega: float) -> Array | None:
         """Slopes (m, 2 m + 1) of the forces to the signals, where they are the same at all samples and nothing is kept.

@@ -147,6 +147,31 @@ class JointEquations(Scaled[JointedRig]):
         loads += np.tensordot(state.T, s.loads_by_joints, (1, 1)) + np.multiply.outer(F, s.loads_by_force)
         return [np.concatenate([u[:, at], w[:, at], loads[:, j : j + 1]], axis=1) for j, at in enumerate(self.slices)]
 
+    def signals_along(self, state: State, Q: Array, T: Array, force: Array, faster: Array) -> list[Array]:
+        """Derivatives (2H+1, 2 ports + 1, p) of the signals of each joint along changes of what moves it, a last axis.
+
+        Parameters
+        ----------
+        state : State
+        Q, T, force : (2H+1, n, p), (2H+1, m, p) and (2H+1, p) arrays
+            Changes of modes, joint forces and excitation.
+        faster : (p,) array
+            Of the frequency [rad/s].
+        """
+        s, basis, squares = self.structure, self.basis, (self.basis.k**2)[:, None, None]
+
+        def rated(a: Array) -> Array:
+            return basis.derivative(a.reshape(len(a), -1)).reshape(a.shape)
+
+        moved = np.einsum("mn,knp->kmp", s.joints, Q) + np.einsum("m,kp->kmp", s.flexibility_to_force, force)
+        u, w = (moved + np.einsum("ml,klp->kmp", by, T) for by in (self.flexibility, self.flexibility_of_rate))
+        loads = state.Omega * rated(np.einsum("jn,knp->kjp", s.loads_damping, Q))
+        loads -= state.Omega**2 * squares * np.einsum("jn,knp->kjp", s.loads_inertia, Q)
+        loads += np.einsum("jm,kmp->kjp", s.loads_by_joints, T) + np.einsum("j,kp->kjp", s.loads_by_force, force)
+        by_rate = rated(state.Q @ s.loads_damping.T) - 2 * state.Omega * squares[:, 0] * (state.Q @ s.loads_inertia.T)
+        loads += np.multiply.outer(by_rate, faster)
+        return [np.concatenate([u[:, at], w[:, at], loads[:, j : j + 1]], axis=1) for j, at in enumerate(self.slices)]
+
     def moved_own(self, changes: JointedStructure) -> Array:
         """Derivatives (m, p) of the compliances that laws take into account, where these are the body's own."""
         diagonal = np.diagonal(changes.flexibility).T  # ports on the first axis

@@ -5,6 +5,7 @@ The implicit function theorem, with the matrix that Newton's method uses: nothin
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ from hbm.balance.balanced import balanced
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.jointequations import JointEquations
-from hbm.balance.solution import PeriodicSolution
+from hbm.balance.solution import PeriodicSolution, Signal
 from hbm.channels import DERIVATIVES, read
 from hbm.errors import expect_joints
-from hbm.fourier import Array
+from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import (
     ChannelSensitivity,
@@ -64,15 +65,20 @@ def law_changes(
     slice, list of int, (2H+1, ports, c) array
         Ports of a joint, which of the keys it depends on, and the derivatives to these.
     """
+    for at, change, joint, seen in zip(problem.slices, of_laws(problem, keys), problem.joints, signals, strict=True):
+        columns = np.flatnonzero(change.any(axis=0)).tolist()
+        if columns:
+            yield at, columns, joint.along(seen, Omega, change[:, columns])
+
+
+def of_laws(problem: JointEquations, keys: Sequence[str]) -> Iterator[Array]:
+    """Changes (numbers + 1, p) of the numbers of each joint's law and of its compliance with numbers of the rig."""
     moving, changes = problem.rig.structure_changes(tuple(keys))
     own = np.zeros((len(problem.own), len(keys)))
     own[:, moving] = problem.moved_own(changes)
-    for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
+    for joint, at in zip(problem.rig.joints, problem.slices, strict=True):
         names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
-        change = np.vstack([np.array(names, dtype=str)[:, None] == np.array(keys), own[at.start]]).astype(float)
-        columns = np.flatnonzero(change.any(axis=0)).tolist()
-        if columns:
-            yield at, columns, problem.joints[j].along(signals[j], Omega, change[:, columns])
+        yield np.vstack([np.array(names, dtype=str)[:, None] == np.array(keys), own[at.start]]).astype(float)
 
 
 def forces_change(here: JointLinearization, forces: Array, s: JointedStructure) -> Array:
@@ -201,6 +207,21 @@ def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:
     return x[:split].reshape(size, n, p) * problem.q_ref, x[split:].reshape(size, m, p) * problem.f_ref[:, None]
 
 
+class PortSensitivity(SeriesSensitivity):
+    """Derivatives of a force or a motion at a port, which a law tells at the samples beyond the harmonics kept."""
+
+    _at: Callable[[], Array]
+
+    def __init__(self, coefficients: Array, basis: FourierBasis, signal: Signal, at: Callable[[], Array]) -> None:
+        super().__init__(coefficients, basis, signal, largest)
+        self.__dict__["_at"] = at
+
+    @cached_property
+    def samples(self) -> Array:
+        """Derivatives of its values at the phases of the basis, (N_t, p)."""
+        return self._at()
+
+
 class JointChannels(Mapping[str, ChannelSensitivity]):
     """Derivatives of the channels, each worked out when it is asked for."""
 
@@ -224,11 +245,12 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
     def __getitem__(self, name: str) -> ChannelSensitivity:
         rig, basis = self._problem.rig, self._problem.basis
         if name in rig.forces:
-            return self._sampled(name, self._T[:, rig.forces.index(name)], largest)
+            i = rig.forces.index(name)
+            return self._at_port(name, self._T[:, i], lambda: self._forces[:, i])
         if name in rig.motions:
             i = rig.motions.index(name)
             moved = self._seen(lambda s: (s.joints[i], s.flexibility[i], s.flexibility_to_force[i]))
-            return self._sampled(name, moved, largest)
+            return self._at_port(name, moved, lambda: self._motion(i, moved))
         if name == "drive":
             return self._sampled(name, self._seen(lambda s: (s.excitation, s.flexibility_to_force, s.drive_by_force)))
         channel = next(c for c in rig.channels if c.name == name)
@@ -244,6 +266,36 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
             if key in self._keys:
                 coefficients[:, self._keys.index(key)] += change
         return self._sampled(name, coefficients)
+
+    @cached_property
+    def _forces(self) -> Array:
+        """Derivatives of the joint forces at the samples, beyond the harmonics kept, (N_t, m, p)."""
+        problem, state, p = self._problem, self._solution.state, len(self._keys)
+        faster = 2 * np.pi / problem.periods * self._hz
+        along = problem.signals_along(state, self._Q, self._T, self._force, faster)
+        found = np.zeros((problem.basis.N_t, len(problem.own), p))
+        laws = zip(problem.slices, problem.joints, problem.signals(state), along, strict=True)
+        by_rows, numbered = problem.moved_signals(state, self._structure), of_laws(problem, self._keys)
+        for (at, joint, signals, change), moved, of_law in zip(laws, by_rows, numbered, strict=True):
+            change[:, :, self._moving] += moved
+            found[:, at] = joint.moved(signals, state.Omega, change, faster, of_law)
+        return found
+
+    def _motion(self, i: int, moved: Array) -> Array:
+        """Derivatives of the motion at a port at the samples, (N_t, p), from those of its coefficients.
+
+        A compliance of the body that its law takes into account follows the force beyond the harmonics kept.
+        """
+        problem, own = self._problem, np.zeros(len(self._keys))
+        own[self._moving] = problem.moved_own(self._structure)[i]
+        kept = min(problem.own[i], problem.structure.flexibility[i, i]) if problem.own[i] > 0.0 else 0.0
+        force = self._solution[problem.rig.forces[i]]
+        rest = force.samples - problem.basis.samples(force.coefficients)
+        beyond = self._forces[:, i] - problem.basis.samples(self._T[:, i])
+        return np.asarray(problem.basis.samples(moved) + kept * beyond + np.outer(rest, own))
+
+    def _at_port(self, name: str, coefficients: Array, samples: Callable[[], Array]) -> ChannelSensitivity:
+        return PortSensitivity(coefficients, self._problem.basis, self._solution[name], samples)
 
     def _seen(self, rows: Callable[[JointedStructure], tuple[Array, Array, Any]]) -> Array:
         """Change (2H+1, p) of a displacement that reads modes, joint forces and excitation by rows of the structure."""

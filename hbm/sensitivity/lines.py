@@ -1,6 +1,6 @@
 """Exact derivatives of a steady state under a force of many lines, by the implicit function theorem and GMRES."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from hbm.sensitivity.scalars import FORCE
 
 class LineChannels(JointChannels):
     """Derivatives of the channels on their lines alone: no samples of them, and of no peak."""
+
+    def _at_port(self, name: str, coefficients: Array, samples: Callable[[], Array]) -> ChannelSensitivity:
+        return self._sampled(name, coefficients)
 
     def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
         none = np.zeros((0, coefficients.shape[1]))

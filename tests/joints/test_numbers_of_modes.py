@@ -85,6 +85,9 @@ def test_derivatives_are_those_of_solutions_nearby(rig: JointedRig, key: str) ->
         apart = (up[name].coefficients - down[name].coefficients) / (2 * step)
         size = max(np.abs(apart).max(), 1e-6 * np.abs(here[name].coefficients).max())
         assert np.abs(found[name].coefficients[:, 0] - apart).max() < 1e-4 * size, name
+        apart_at = (up[name].samples - down[name].samples) / (2 * step)  # forces of laws have more than H harmonics
+        size = max(np.abs(apart_at).max(), 1e-6 * np.abs(here[name].samples).max())
+        assert np.abs(found[name].samples[:, 0] - apart_at).max() < 1e-4 * size, name
         moved |= bool(np.abs(apart).max() > 1e-3 * np.abs(here[name].coefficients).max())
     assert moved
 

@@ -123,6 +123,8 @@ def test_responses_follow_the_modulus(tmp_path: Path, text: str) -> None:
         difference = (up[name].coefficients - down[name].coefficients) / (2 * step)
         near = pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(difference).max())
         assert found[name].coefficients[:, 0] == near, name
+        peak = (up[name].peak - down[name].peak) / (2 * step)
+        assert found[name].peak[0] == pytest.approx(peak, rel=1e-3, abs=1e-7 * here[name].peak / 210e9), name
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
