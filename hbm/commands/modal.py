@@ -107,7 +107,7 @@ def modal(
         found = fit_modes(responses, count, phase=phase, drive=drive)
     text = modal_rig_text(found, measured.stem, force, level, drive)
     write_together({out: text})
-    _print(found, driven=drive is not None)
+    _print(found, drive)
     print_written([out])
 
 
@@ -185,7 +185,7 @@ def _channels(known: Mapping[str, str], texts: Sequence[str]) -> dict[str, str]:
     return {name: quantity or "acceleration" for name, quantity in channels.items()}
 
 
-def _print(found: "Modes", *, driven: bool) -> None:
+def _print(found: "Modes", drive: str | None) -> None:
     from hbm.commands.tables import print_lines, print_rows
 
     rows = [
@@ -199,11 +199,12 @@ def _print(found: "Modes", *, driven: bool) -> None:
     low, high = found.responses.hz[[0, -1]]
     print_rows(console(), f"{len(found)} modes from {low:.5g} to {high:.5g} Hz", rows)
     lines = [f"misfit {found.chi2_reduced:.3g} noise variances at {len(found.responses.hz)} frequencies"]
-    lines += _between(found, driven=driven)
+    lines += _between(found, driven=drive is not None)
     if found.beyond:
+        left_out = found.shape_beyond(drive) is None
         lines.append(
             f"modes above the band answer as one at {found.beyond.hz:.4g} ± {found.beyond.hz_std:.2g} Hz, beside a "
-            "constant"
+            "constant" + (f"; {drive} hardly moves in it: left out of the rig file" if left_out else "")
         )
     if found.phase_std:
         lines.append(f"the force leads the channel that stands for it by {found.phase:.4f} ± {found.phase_std:.1g} rad")

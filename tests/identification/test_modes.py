@@ -1,6 +1,7 @@
 """Modes fitted to frequency responses of a modal model that is known: deviations as stated, and the rig file back."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from hbm import load_rig, steady_state
 from hbm.cli import app
+from hbm.commands.modal import _print
 from hbm.errors import InputError
 from hbm.files.modalrig import modal_rig_text
 from hbm.identification.modalfit import fit_modes
@@ -354,3 +356,16 @@ def test_a_step_is_no_reason_to_fail() -> None:
     step = (at > 20.0) + 0.01j
     found = fit_modes(FrequencyResponses(at, {"a": "acceleration"}, step[:, None], np.full((40, 1), 1e-4)), 5)
     assert np.isfinite(found.hz).all()
+
+
+def test_a_mode_above_the_band_that_the_drive_hardly_sees_is_said_to_be_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = fit_modes(near_above(0, 1.0)[0], drive="a1")
+    assert m.beyond is not None
+    unseen = replace(m, beyond=m.beyond._replace(A=m.beyond.A * [1e-6, 1.0, 1.0]))
+    for found, modes, said in ((m, 5, False), (unseen, 4, True)):
+        _print(found, "a1")
+        assert ("hardly moves in it: left out" in " ".join(capsys.readouterr().out.split())) is said
+        (tmp_path / "rig.toml").write_text(modal_rig_text(found, "near", "force", 1.0, "a1"))
+        assert load_rig(tmp_path / "rig.toml").structure.n == modes
