@@ -303,17 +303,18 @@ class Conclusion:
         return bool(best.model.calibrated) and misfit(self.search.calibrated, self.campaign).fits
 
     def _as_well(self, best: Evaluation, scored: Predicted | None) -> bool:
-        """Whether a cause leaves no more than calibration does, of the records fitted and of those held out."""
-        whites = [(self._noise(e).white for e in (best, self.search.calibrated))]
+        """Whether a cause leaves no more than calibration, of records held out, and of those fitted if that is much."""
+        mine, other = (self._noise(e).white for e in (best, self.search.calibrated))
+        whites = [(mine, other)] if beyond_noise(mine) > LARGEST else []
         if scored is not None and self.calibrated is not None:
-            whites.append(e.evaluation.white for e in (scored, self.calibrated))
-        return all(mine.charged <= WORSE * other.charged for mine, other in whites)
+            whites.append((scored.evaluation.white, self.calibrated.evaluation.white))
+        return all(left.charged <= WORSE * by_many.charged for left, by_many in whites)
 
     def _holds(self, scored: Predicted | None) -> bool:
         """Whether a cause leaves noise alone on the records held out, and no more than calibration does."""
-        calibrated = self.calibrated
         if scored is None:
             return True
+        calibrated = self.calibrated
         better = calibrated is None or calibrated.misfit.fits or scored.misfit.chi2 < calibrated.misfit.chi2 + AS_GOOD
         return scored.misfit.fits and better
 
@@ -325,8 +326,7 @@ class Conclusion:
         if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):
             return "consistent"
         whites = [e.white, *([] if scored is None else [scored.evaluation.white])]
-        small = all(beyond_noise(white) <= LARGEST for white in whites)
-        return "consistent" if small else "unexplained"
+        return "consistent" if all(beyond_noise(white) <= LARGEST for white in whites) else "unexplained"
 
     def _agreeing(self, base: Evaluation) -> Evaluation:
         """What is judged without a cause: the rig file as it is, where calibration ends at its bounds.

@@ -245,10 +245,20 @@ def judged(
 
 
 @pytest.mark.parametrize(
-    ("fitted", "held_out", "as_well"), [(1.0, 1.0, True), (1.04, 1.04, True), (1.9, 0.7, False), (0.7, 1.2, False)]
+    ("fitted", "held_out", "size", "as_well"),
+    [
+        (1.0, 1.0, 0.1, True),
+        (1.04, 1.04, 0.1, True),
+        (1.9, 0.7, 0.1, False),
+        (1.9, 0.7, 0.008, True),
+        (0.7, 1.2, 0.008, False),
+    ],
 )
-def test_a_main_cause_leaves_no_more_than_calibration(fitted: float, held_out: float, as_well: bool):
-    """Of the records fitted too: a radius within its uncertainty of the rig file left twice as much, and was named."""
+def test_a_main_cause_leaves_no_more_than_calibration(
+    monkeypatch: pytest.MonkeyPatch, fitted: float, held_out: float, size: float, as_well: bool
+):
+    """A radius within its uncertainty of the rig file left 12 % of the response, twice as much, and was named."""
+    monkeypatch.setattr("hbm.diagnosis.conclusion.beyond_noise", lambda white: size)
 
     def leaving(charged: float) -> SimpleNamespace:
         white = SimpleNamespace(charged=charged)
