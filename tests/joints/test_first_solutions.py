@@ -1,5 +1,6 @@
 """First solutions where no short way leads to them: joints that strike, resonances of hardly any damping."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from hbm import steady_state, trace_frequency
 from models import Jenkins
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
-from models.joints import Friction, Joint, Stop
+from models.joints import CubicSpring, Friction, Joint, Stop
 from models.parts import Damping, Excitation
 from tests.joints.rigs import loaded
 
@@ -88,9 +89,19 @@ at = "y(0.25)"
 def test_a_law_that_is_not_solved_at_its_samples_is_no_steady_state(tmp_path: Path) -> None:
     """Too few samples for what bristles damp: Newton's method goes round in circles at some of them."""
     rig = loaded(tmp_path, STIFF_BRISTLES)
+    fine = steady_state(rig, 55.0, harmonics=7, samples=4096)
+    assert fine.closure < 1e-10
     with pytest.raises(ConvergenceError, match=r"not solved at its samples at 55 Hz, 20 N, .* try more samples"):
-        steady_state(rig, 55.0, harmonics=7, samples=512)
-    assert steady_state(rig, 55.0, harmonics=7, samples=4096).closure < 1e-10
-    curve = trace_frequency(rig, (55.0, 55.2), harmonics=7, samples=512)
-    assert curve.unsolved == [(55.0, pytest.approx(55.2))]
-    assert "no solution from 55 to 55.2 Hz, laws are not solved at their samples" in str(curve)
+        steady_state(rig, 55.0, harmonics=7, samples=512, start=fine)
+
+
+def test_a_curve_says_where_a_law_is_not_solved_at_its_samples() -> None:
+    spring = Joint("spring", CubicSpring(1e6), ("a",))
+    body = ModalModel((HZ,), {"a": (1.0,)})
+    rig = JointedRig("spring", body, Damping(modal_ratios=(RATIO,)), (spring,), Excitation(FORCE, at="a"))
+    curve = trace_frequency(rig, (15.0, 16.0), harmonics=5)
+    assert curve.unsolved == [] and "not solved" not in str(curve)
+    first, *others = curve.points
+    open_loop = replace(curve, points=(replace(first, closure=0.42), *others))
+    assert open_loop.unsolved == [(15.0, 15.0)]
+    assert "no solution from 15 to 15 Hz, laws are not solved at their samples" in str(open_loop)
