@@ -379,5 +379,5 @@ class ResponseCurve(Displayed):
             f"{len(self.corners)} corners" + (f"; {self.past_start}" if self.past_start else "")
         )
         for low, high in self.unsolved:
-            text += f"; no solution from {low:.5g} to {high:.5g} {self.unit}, laws are not solved at their samples"
+            text += f"; no solution from {low:.5g} to {high:.5g}{self.suffix}, laws are not solved at their samples"
         return text if self.complete else f"{text}; partial: {self.branch.message}"

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hbm.balance.lines import EXACT, LinesHere
-from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.sensitivity.channels import ChannelSensitivity, Peak, smooth_peak
 from hbm.sensitivity.jointed import JointChannels, law_changes
@@ -34,23 +33,18 @@ def line_changes(here: LinesHere, keys: Sequence[str], accuracy: float = EXACT) 
         If GMRES does not find one.
     """
     problem, s = here.problem, here.problem.structure
-    Q = np.zeros((*here.state.Q.shape, len(keys)))
-    changes = [np.zeros((*signals.shape, len(keys))) for signals in here.signals]
+    Q, force = np.zeros((*here.state.Q.shape, len(keys))), np.zeros((problem.basis.size, len(keys)))
     moving, structures = problem.rig.structure_changes(tuple(keys))
     Q[:, :, moving] = -problem.modes.moved(problem.moved_balance(here.state, structures))
-    for own, by_rows in zip(changes, problem.moved_signals(here.state, structures), strict=True):
-        own[:, :, moving] = by_rows
-    for i in moving:
-        moved = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 0.0))
-        for own, by_modes in zip(changes, moved, strict=True):
-            own[:, :, i] += by_modes
     if FORCE in keys:
-        i, shape = keys.index(FORCE), np.outer(problem.force_shape, s.excitation)
-        Q[:, :, i] = problem.modes.moved(shape)
-        grown = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 1.0))
-        for own, a in zip(changes, grown, strict=True):
-            own[:, :, i] = a
-    missed = here.answered(changes) if changes else np.zeros((*here.state.T.shape, len(keys)))
+        i = keys.index(FORCE)
+        force[:, i] = problem.force_shape
+        Q[:, :, i] = problem.modes.moved(np.outer(problem.force_shape, s.excitation))
+    held = np.zeros((*here.state.T.shape, len(keys)))
+    changes = problem.signals_along(here.state, Q, held, force, np.zeros(len(keys)))
+    for own, by_rows in zip(changes, problem.moved_signals(here.state, structures), strict=True):
+        own[:, :, moving] += by_rows
+    missed = here.answered(changes) if changes else held
     for at, columns, by in law_changes(problem, here.signals, problem.Omega, keys):
         missed[:, at, columns] += by
     T = here.followed(missed, accuracy)
