@@ -17,9 +17,9 @@ from hbm.outputerror.fit import fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.nominal import RESIDUALS, SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
-from hbm.sensitivity.scalars import SENSORS
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
+from models.scalars import SENSORS
 
 FEW = 8
 LAST_STEPS = 4

@@ -19,12 +19,12 @@ from hbm.outputerror.background import LARGEST
 from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
-from hbm.sensitivity.scalars import SENSORS
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
+from models.scalars import SENSORS
 
 NEARLY, NEXT_TO_ALL = 0.9, 0.999
 """Share of the misfit that a cause explains next to all of; and the one from which on it may leave more than a

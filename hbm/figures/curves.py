@@ -26,9 +26,9 @@ from hbm.figures.style import (
 from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.response.curve import ResponseCurve, expect_alike
-from hbm.sensitivity.scalars import FORCE, HZ
 from models.jointed import JointedRig
 from models.rig import Rig
+from models.scalars import FORCE, HZ
 
 Curves = ResponseCurve | Sequence[ResponseCurve]
 

@@ -22,9 +22,9 @@ from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.response.assessment import NumericalError
 from hbm.response.curve import ChannelCurve, ResponseCurve, expect_alike
-from hbm.sensitivity.scalars import HZ
 from hbm.textfiles import Contents, StrPath, check_ending, csv_text, read_rows, why, write_together
 from hbm.tracking.parameterresponse import ParameterCurve
+from models.scalars import HZ
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")

@@ -15,8 +15,8 @@ from hbm.inverse.reconstruction import Reconstructed, Reconstruction
 from hbm.outputerror.model import FAR
 from hbm.outputerror.nominal import tolerances as with_usual
 from hbm.parallel import one_thread
-from hbm.sensitivity.scalars import FRICTION
 from models.plausible import quiet
+from models.scalars import FRICTION
 
 OF_LAWS = (FRICTION, "joints.")
 """Beginnings of keys of numbers that no reconstruction uses."""

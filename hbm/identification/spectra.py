@@ -29,10 +29,10 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.records import Measurement, Record, force_columns, measurement_of, parts, solve_record
 from hbm.parallel import one_thread
 from hbm.sensitivity.derivatives import changes_where_solved
-from hbm.sensitivity.scalars import FORCE
 from models.friction import FrictionLaw
 from models.plausible import quiet
 from models.rig import Rig
+from models.scalars import FORCE
 
 HARMONICS = (15, 25, 35, 51)
 """Harmonics that are tried, until more change the answer by little."""

@@ -17,7 +17,7 @@ from hbm.modes.sustained import JointMotion
 from hbm.parallel import one_thread
 from hbm.sensitivity.derivatives import balance_change
 from hbm.sensitivity.jointed import JointChannels
-from hbm.sensitivity.scalars import HZ
+from models.scalars import HZ
 
 AMPLITUDE = "amplitude of the drive"
 """Stands beside the keys of numbers for a step along the branch."""

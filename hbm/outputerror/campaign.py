@@ -86,7 +86,7 @@ class Campaign:
         ----------
         rig : Rig or JointedRig
         keys : sequence of str
-            Keys of :func:`hbm.sensitivity.scalars.solution_numbers`.
+            Keys of :func:`models.scalars.solution_numbers`.
         starts : mapping of int to State
             Where to start; where there is none, from the reconstruction.
         needed : collection of int

@@ -5,11 +5,11 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from hbm.errors import InputError, expect_not_negative
-from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
 from models.causes.parameter import STIFFNESSES
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 from models.rig import Rig
+from models.scalars import ALPHA, FORCE, FRICTION, LOAD
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,

@@ -14,12 +14,12 @@ from hbm.outputerror.records import Measurement, Record, parts, solve_from, solv
 from hbm.outputerror.transients import transients
 from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
-from hbm.sensitivity.scalars import FORCE, HZ
 from models.change import tone_scalars
 from models.jointed import AnyRig
 from models.jointednumbers import GAINS
 from models.numbers import OF_FORCE
 from models.parts import alike
+from models.scalars import FORCE, HZ
 
 Solutions = Mapping[int, PeriodicSolution]
 States = Mapping[int, State]

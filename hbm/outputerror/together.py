@@ -26,9 +26,9 @@ from hbm.outputerror.simulated import (
 )
 from hbm.parallel import one_thread
 from hbm.sensitivity.batch import changes_together
-from hbm.sensitivity.scalars import HZ
 from models.jointed import AnyRig
 from models.rig import Rig
+from models.scalars import HZ
 
 
 def steady_together(

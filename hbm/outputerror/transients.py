@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eig
 
-from hbm.aft.recurrence import monodromy
 from hbm.balance.equations import Balance
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
@@ -105,7 +104,7 @@ def _at_joints(rig: JointedRig, solution: PeriodicSolution) -> tuple[Complex, Co
     """As :func:`_at_contact` of a rig with joints, by the time step along the solution."""
     along = along_solution(JointBalance(rig, solution.basis, level=solution.level), solution.state)
     steps = along.steps
-    exponents, starts = _excited(monodromy(steps), -along.start, along.undying, solution.state.Omega)
+    exponents, starts = _excited(along.monodromy, -along.start, along.undying, solution.state.Omega)
     s, layout, m = rig.structure, along.layout, len(exponents)
     y = np.empty((len(steps), len(starts), 2 * m))
     y[0] = np.hstack([starts.real, starts.imag])  # a product of a real matrix with a complex one copies it first

@@ -26,11 +26,11 @@ from hbm.response.bifurcation import Bifurcation
 from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import kinks
 from hbm.response.trace import solve_near
-from hbm.sensitivity.scalars import HZ
 from hbm.stability.along import bounds, crossings, growth, hiding, sides
 from hbm.stability.jointed import by_monodromy
 from hbm.stability.multipliers import ROUNDING, Stability
 from models.jointed import AnyRig
+from models.scalars import HZ
 
 Curve = TypeVar("Curve", bound=ResponseCurve)
 Judge = Callable[[Any, State], Stability]

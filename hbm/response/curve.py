@@ -17,10 +17,10 @@ from hbm.labelled import coefficient_columns, coefficient_names, common, dataset
 from hbm.response.assessment import Assessment
 from hbm.response.bifurcation import Bifurcation
 from hbm.response.kinks import kinks
-from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.multipliers import Stability
 from models.display import Displayed
 from models.jointed import AnyRig
+from models.scalars import FORCE, HZ
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from hbm.fourier import Array
 from hbm.sensitivity.held import mixing_of, still_of
 from hbm.sensitivity.heldplaces import HeldPlaces, places_change
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
-from hbm.sensitivity.scalars import FORCE, HZ, LOAD, SENSORS, law_keys
 from models.change import structure_change
 from models.reduction import StructureChange
+from models.scalars import FORCE, HZ, LOAD, SENSORS, law_keys
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ from hbm.errors import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, frame, repeated
 from hbm.sensitivity.held import HeldBalance, friction_change
-from hbm.sensitivity.scalars import solution_numbers
 from models.display import Displayed
 from models.jointed import AnyRig
 from models.parts import Channel
+from models.scalars import solution_numbers
 
 Peak = Callable[[Array, Array], Array]
 """Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""

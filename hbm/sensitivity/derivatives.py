@@ -35,9 +35,9 @@ from hbm.sensitivity.jointed import (
     joint_sensitivities_at,
 )
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
-from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
+from models.scalars import ALPHA, FORCE, HZ, LOAD, law_keys
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,7 +100,7 @@ def sensitivities(
     solution : PeriodicSolution
         Steady state or point of a curve.
     keys : sequence of str, optional
-        What to differentiate to, of :func:`hbm.sensitivity.scalars.solution_numbers`; where omitted the friction
+        What to differentiate to, of :func:`models.scalars.solution_numbers`; where omitted the friction
         law's parameters, normal load, force, frequency and mass-proportional damping, of a rig with joints all.
     beside : Disturbance, optional
         Disturbance to solve for along with it, at next to no cost; of a rig with one contact alone.
@@ -236,7 +236,7 @@ def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     here : Linearization or JointLinearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Keys of :func:`hbm.sensitivity.scalars.solution_numbers`.
+        Keys of :func:`models.scalars.solution_numbers`.
 
     Returns
     -------

@@ -6,10 +6,10 @@ import numpy as np
 
 from hbm.balance.elements import ElementChange, ElementsOverPeriod, stacked
 from hbm.fourier import Array
-from hbm.sensitivity.scalars import HZ
 from models.change import elements_change
 from models.elements import ElementRows
 from models.rig import Rig
+from models.scalars import HZ
 
 
 def element_change(rig: Rig, keys: tuple[str, ...], force: Array) -> ElementChange:

@@ -6,9 +6,9 @@ from hbm.aft.force import InputChange
 from hbm.balance.problem import Linearization
 from hbm.fourier import Array
 from hbm.sensitivity.elementchange import HeldElements, element_change
-from hbm.sensitivity.scalars import FORCE, HZ, LIMIT, LOAD, law_keys
 from models.change import clamp_change, structure_change, tone_scalars
 from models.reduction import StructureChange
+from models.scalars import FORCE, HZ, LIMIT, LOAD, law_keys
 
 
 class HeldBalance:

@@ -9,9 +9,9 @@ from hbm.balance.elements import stacked
 from hbm.balance.places import Places
 from hbm.fourier import Array
 from hbm.sensitivity.elementchange import element_change
-from hbm.sensitivity.scalars import LIMIT
 from models.change import clamp_change, elements_change
 from models.rig import Rig
+from models.scalars import LIMIT
 
 
 def places_change(rig: Rig, keys: tuple[str, ...]) -> Places:

@@ -28,10 +28,10 @@ from hbm.sensitivity.channels import (
     largest,
     smooth_peak,
 )
-from hbm.sensitivity.scalars import FORCE, HZ, solution_numbers
 from models.change import tone_scalars
 from models.jointed import JointedRig, JointedStructure
 from models.joints.law import numbers
+from models.scalars import FORCE, HZ, solution_numbers
 
 
 def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array:

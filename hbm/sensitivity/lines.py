@@ -8,7 +8,7 @@ from hbm.balance.lines import EXACT, LinesHere
 from hbm.fourier import Array
 from hbm.sensitivity.channels import ChannelSensitivity, Peak, smooth_peak
 from hbm.sensitivity.jointed import JointChannels, law_changes
-from hbm.sensitivity.scalars import FORCE
+from models.scalars import FORCE
 
 
 class LineChannels(JointChannels):

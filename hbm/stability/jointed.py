@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.aft.recurrence import monodromy
 from hbm.balance.equations import Balance
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
+from hbm.fourier import Array
 from hbm.integration.jointed import state_at_phase_zero
 from hbm.integration.jointmarch import JointMarcher, resolving_steps
 from hbm.integration.jointstep import Layout
 from hbm.parallel import one_thread
 from hbm.stability.multipliers import SLIPPING, Stability, floquet, of_monodromy
-from models.structure import Array
 
 DEPARTS = 0.1
 """Share of the motion by which a march over a period may miss a solution of the balance, made with other means."""
@@ -76,6 +77,11 @@ class Along:
     steps: Array
     layout: Layout
     undying: int
+
+    @property
+    def monodromy(self) -> Array:
+        """Derivative of the state after a period to that before, (size, size)."""
+        return monodromy(self.steps)
 
 
 def along_solution(problem: JointBalance, state: State) -> Along:

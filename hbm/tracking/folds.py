@@ -41,8 +41,8 @@ from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import VALUE
 from hbm.response.steps import trace_settings
 from hbm.sensitivity.derivatives import balance_change
-from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
+from models.scalars import FORCE, HZ
 
 WIDTHS = (0.06, 0.02, 0.006)
 """Lengths of a chord over a fold, relative to the motion; the first that the first fold has room for is taken."""

@@ -15,11 +15,11 @@ from hbm.balance.problem import AnyBalance, AnyLinearization, HarmonicBalance, N
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.derivatives import balance_change
-from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, solution_numbers
 from models.friction.law import Parameter
 from models.jointed import AnyRig
 from models.numbers import no_such_number
 from models.rig import Rig
+from models.scalars import FORCE, FRICTION, HZ, solution_numbers
 
 REFERENCES = 33
 """Values over the range at which the modes are kept, so that their signs follow from one to the next."""

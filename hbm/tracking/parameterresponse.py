@@ -24,9 +24,9 @@ from hbm.response.peak import with_peak
 from hbm.response.start import first_solution
 from hbm.response.steps import EXCURSION, trace_settings
 from hbm.response.trace import SCOUTED, solve_near
-from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig
+from models.scalars import FORCE, HZ
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def parameter_response(
     rig : Rig
     key : str
         Key of the number in the rig file, such as ``contact.friction.mu`` or ``beam.length``, of
-        :func:`hbm.sensitivity.scalars.solution_numbers`; ``frequency_hz`` for the excitation frequency.
+        :func:`models.scalars.solution_numbers`; ``frequency_hz`` for the excitation frequency.
     values : (float, float)
         First and last value, either may be the larger. Where the curve folds back past the first it is followed there,
         up to 30 % beyond, as a frequency response is: :attr:`ParameterCurve.past_start` says so.

@@ -22,8 +22,8 @@ from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.trace import trace_frequency
 from hbm.sensitivity.derivatives import sensitivities
-from hbm.sensitivity.scalars import FORCE, HZ
 from models.jointed import AnyRig
+from models.scalars import FORCE, HZ
 
 FIRST_STRIDE = 1e-3
 """First step along a curve in search of its peak: of the frequency, or of the motion."""

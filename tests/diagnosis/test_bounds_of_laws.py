@@ -12,7 +12,6 @@ from hbm.files.extendedrig import corrections
 from hbm.outputerror.model import Model
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
-from hbm.sensitivity.scalars import law_keys
 from models.bodies.modal import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint
@@ -24,6 +23,7 @@ from models.joints import JOINT_LAWS, Friction, Joint
 from models.joints.law import numbers
 from models.parts import Channel, Damping, Excitation
 from models.published import PAPER_PENALTY, paper_rig
+from models.scalars import law_keys
 
 PLACES = ("a", "b", "c")
 BODY = ModalModel((31.0, 74.5), {"a": (0.8, 1.1), "b": (0.9, -1.2), "c": (0.5, 0.3)})

@@ -9,8 +9,8 @@ from hbm import steady_state
 from hbm.outputerror.records import Measurement
 from hbm.outputerror.simulated import held_beside, history, spare_friction, sticks
 from hbm.sensitivity.derivatives import disturbed, sensitivities
-from hbm.sensitivity.scalars import FORCE
 from models.published import PAPER_PENALTY, paper_rig
+from models.scalars import FORCE
 
 PAPER = paper_rig().with_modes(5)
 RIG, HZ, LEVEL, H = replace(PAPER, contact=replace(PAPER.contact, law=PAPER_PENALTY)), 54.0, 0.3, 3

@@ -31,13 +31,13 @@ from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import force_columns
 from hbm.outputerror.simulated import in_record
 from hbm.parallel import each
-from hbm.sensitivity.scalars import FORCE
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
 from models.causes.structure import AttachedResonator
 from models.parts import Drift
 from models.published import paper_rig
+from models.scalars import FORCE
 from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
 from tests.truth.hidden import changed
 

@@ -14,10 +14,10 @@ from hbm.balance.solution import PeriodicSolution, described
 from hbm.outputerror.simulated import held_beside
 from hbm.sensitivity.batch import changes_together
 from hbm.sensitivity.derivatives import disturbed
-from hbm.sensitivity.scalars import solution_numbers
 from models import Attachments, FrictionLaw, ImpactStop, MidplaneStretching, PointMass, Rig
 from models.parts import Drift
 from models.published import ASSUMED_VLFM, PAPER_DAHL, PAPER_PENALTY
+from models.scalars import solution_numbers
 
 AT = ((47.0, 6.5), (50.2, 6.5), (52.0, 4.5), (54.0, 0.3), (57.0, 6.5))
 """Frequencies [Hz] and levels [N]: one where the contact sticks, none between, where friction just comes to its limit

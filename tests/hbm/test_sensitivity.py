@@ -19,7 +19,6 @@ from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import FourierBasis
 from hbm.response.trace import steady_state, trace_frequency
-from hbm.sensitivity.scalars import solution_numbers
 from hbm.symbolic import residual_function
 from models import (
     Attachments,
@@ -38,6 +37,7 @@ from models import (
     parameters,
 )
 from models.published import ASSUMED_HYBRID, ASSUMED_IWAN, ASSUMED_SDFM, ASSUMED_VLFM, PAPER_DAHL
+from models.scalars import solution_numbers
 
 JENKINS = Jenkins(0.52, 4.15e-6)
 COULOMB = Coulomb(0.52)
