@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from .corner import Corner
-from .geometry import Frame, Metric, Stretch, arc_length, frame_along
+from .geometry import Frame, Metric, Stretch, arc_length
 from .newton import Border, correct, max_norm
 from .problem import Array, Linearization, Problem
 from .settings import Settings
-from .step import Step
+from .step import Step, frame_at
 
 _JUDGED = (0.3, 0.7)
 _LARGER = 1.417  # in the middle of a smooth curve the error is that much larger than there
@@ -115,9 +115,8 @@ class Filling:
         found = correct(self.problem, guess, border, self.settings)
         if not found.converged or metric.norm(found.state - guess) > 0.5 * step.length:
             return None
-        near = found.near(metric.norm, self.settings.tangent_slack * step.length)
-        source = found.solved_with if near else found.linearization
-        frame = frame_along(metric, found.state, source, np.append(border.row, border.row_lam))
+        row = np.append(border.row, border.row_lam)
+        frame, source = frame_at(metric, found, row, self.settings.tangent_slack * step.length)
         if frame is None:
             return None
         (to_frame, first), (from_frame, second) = (self._arc(before, frame), self._arc(frame, behind))

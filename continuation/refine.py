@@ -35,7 +35,8 @@ def refine_fold(problem: Problem, before: Point, behind: Point, settings: Settin
         If the curve cannot be solved in between.
     """
     segment = Segment(problem, before, behind, settings)
-    u = segment.root(lambda u: float(segment.solve(u)[1].tangent[-1]))
+    ends = before.tangent_lam, behind.tangent_lam  # not solved again: rounding may change the sign of one at the fold
+    u = segment.root(lambda u: ends[int(u)] if u in (0.0, 1.0) else float(segment.solve(u)[1].tangent[-1]))
     frame = segment.solve(u)[1]
     return special(Kind.FOLD, frame, float(frame.tangent[-1]), segment.arclength(u))
 

@@ -27,7 +27,7 @@ from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import kinks
 from hbm.response.trace import solve_near
 from hbm.stability.along import bounds, crossings, growth, hiding, sides
-from hbm.stability.jointed import by_monodromy
+from hbm.stability.jointed import by_monodromy, momentary
 from hbm.stability.multipliers import ROUNDING, Stability
 from models.jointed import AnyRig
 from models.scalars import HZ
@@ -38,8 +38,8 @@ Judge = Callable[[Any, State], Stability]
 Judged = Callable[[Point | SpecialPoint], Stability]
 
 SAMPLES = 1024
-"""Friction that remembers is judged on at least so many samples per period of the same motion: on few, multipliers jump
-wherever a sample starts to slip."""
+"""Friction that remembers, and joints, are judged on at least so many samples per period of the same motion: on few,
+multipliers jump wherever a sample starts to slip or to touch."""
 
 CLOSE = 1e-3
 """A crossing of the unit circle is found to this fraction of the way between two points."""
@@ -83,9 +83,9 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
 
 
 def _finely(problem: AnyBalance) -> AnyBalance:
-    """The balance on the samples on which it is judged: more where friction remembers."""
+    """The balance on the samples on which it is judged: more where friction remembers, or a stop may be met."""
     samples = SAMPLES * problem.periods
-    few = problem.remembers and problem.basis.N_t < samples
+    few = (problem.remembers or momentary(problem)) and problem.basis.N_t < samples
     return problem.on(FourierBasis(problem.basis.H, samples)) if few else problem
 
 

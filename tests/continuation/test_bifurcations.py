@@ -37,6 +37,23 @@ derivatives = pytest.mark.parametrize("exact", [True, False], ids=["second deriv
 
 
 # special points ------------------------------------------------------------------------------------------------------
+def test_folds_are_located_where_points_lie_on_them() -> None:
+    """A step gets a point at its fold, where the tangent of the iterate before may have the sign of the other side."""
+    lost = []
+    for force in np.linspace(0.2, 0.4, 11):
+        problem = duffing(0.05, 1.0, force)
+        settings = Settings(
+            lam_end=3.0, step=0.07, step_max=0.36, relative_step=0.5, max_angle=2.0, curve_tolerance=1.5e-3,
+            tangent_slack=0.01, tolerance=1e-10,
+        )  # fmt: skip
+        branch = continue_branch(problem, np.zeros(2), 0.2, settings)
+        found = refine(problem, branch)
+        assert len(found) == len(branch.folds) == 2
+        lost += [s for s in found if not s.located or abs(s.test) > 1e-8]
+        assert [s.lam for s in found] == pytest.approx([p.fold_lam for p in branch.folds], rel=1e-5)
+    assert not lost
+
+
 @predictors
 def test_folds_of_the_s_curve_to_rounding(predictor: Predictor) -> None:
     branch = continue_branch(s_curve(), np.array([-1.5]), -2.0, Settings(lam_end=2.0, predictor=predictor))
