@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from .corner import Corner
-from .geometry import Frame, Metric, Stretch, arc_length
+from .geometry import Frame, Metric, Stretch, arc_length, frame_along
 from .newton import Border, correct, max_norm
 from .problem import Array, Linearization, Problem
 from .settings import Settings
-from .step import Step, frame_at
+from .step import Step
 
 _JUDGED = (0.3, 0.7)
 _LARGER = 1.417  # in the middle of a smooth curve the error is that much larger than there
@@ -92,7 +92,7 @@ class Filling:
             return (step,)
         u = cubic.fold
         inside = _BESIDE < u < 1.0 - _BESIDE
-        return (inside and self._halves(before, step, cubic.at(u), border)) or (step,)
+        return (inside and self._halves(before, step, cubic.at(u), border, slack=0.0)) or (step,)
 
     def _across(self, before: Frame, behind: Frame) -> Border:
         """Row of the hyperplane across the chord."""
@@ -109,14 +109,21 @@ class Filling:
         away = np.append(dx, dlam)
         return away if np.isfinite(away).all() else None
 
-    def _halves(self, before: Frame, step: Step, guess: Array, border: Border) -> tuple[Step, Step] | None:
-        """The step in two, by a solution close to a guess; None where there is none."""
+    def _halves(
+        self, before: Frame, step: Step, guess: Array, border: Border, slack: float | None = None
+    ) -> tuple[Step, Step] | None:
+        """The step in two, by a solution close to a guess; None where there is none.
+
+        The tangent there is that of an iterate no further than `slack`, by default of the settings; 0 at folds, which
+        are located by its sign.
+        """
         metric, behind = self.metric, step.frame
         found = correct(self.problem, guess, border, self.settings)
         if not found.converged or metric.norm(found.state - guess) > 0.5 * step.length:
             return None
-        row = np.append(border.row, border.row_lam)
-        frame, source = frame_at(metric, found, row, self.settings.tangent_slack * step.length)
+        near = found.near(metric.norm, self.settings.tangent_slack * step.length if slack is None else slack)
+        source = found.solved_with if near else found.linearization
+        frame = frame_along(metric, found.state, source, np.append(border.row, border.row_lam))
         if frame is None:
             return None
         (to_frame, first), (from_frame, second) = (self._arc(before, frame), self._arc(frame, behind))

@@ -4,13 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from .corner import Corner
-from .geometry import Frame, Metric, frame_along
+from .geometry import Frame
 from .newton import Correction
-from .problem import Array, Linearization
-
-STEEP = 0.3
-"""Where the tangent has no more along lam than this its linearization is that of the solution itself: folds are located
-by its sign."""
+from .problem import Linearization
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,16 +54,3 @@ class Step:
     def to(cls, frame: Frame, found: Correction, size: float, length: float, angle: float, **flags: Any) -> "Step":
         """Step to a corrected solution."""
         return cls(frame, found.iterations, found.residual_norm, size, length, angle, **flags)
-
-
-def frame_at(metric: Metric, found: Correction, row: Array, slack: float) -> tuple[Frame | None, Linearization]:
-    """Frame of a corrected solution, and the linearization that its tangent is of.
-
-    That of the iterate before is taken where it is no further than `slack` away, but not near folds. Row and None are
-    as of :func:`frame_along`.
-    """
-    if found.near(metric.norm, slack):
-        frame = frame_along(metric, found.state, found.solved_with, row)
-        if frame is not None and abs(float(frame.tangent[-1])) > STEEP:
-            return frame, found.solved_with
-    return frame_along(metric, found.state, found.linearization, row), found.linearization

@@ -17,9 +17,9 @@ from .corner import locate_corner, turn_corner
 from .filling import Filling
 from .geometry import Frame, Metric, arc_length, frame_along
 from .newton import Border, Correction, correct, solve_at
-from .problem import Array, Problem
+from .problem import Array, Linearization, Problem
 from .settings import Predictor, Settings
-from .step import STEEP, Step, frame_at
+from .step import Step
 from .stepsize import StepSize
 
 _SUDDEN = 3.0
@@ -30,6 +30,7 @@ _BRANCH_SKEW = 0.1
 _JUMPS_IN_A_ROW = 3
 _ORDINARY_STEPS = 10
 _LONGEST_JUMP = 5.0
+_STEEP = 0.3
 
 
 class Stepper:
@@ -145,11 +146,17 @@ class Stepper:
         self.refusal = f"residual {correction.residual_norm:.2g}, but the solution is far from its guess"
         return True
 
+    def _tangent_source(self, correction: Correction, size: float) -> Linearization:
+        """Linearization for the tangent: that of the iterate before where it is as good as the last one."""
+        near = correction.near(self._metric.norm, self._settings.tangent_slack * size)
+        near &= abs(float(self.frame.tangent[-1])) > _STEEP  # a fold is located by its tangents
+        return correction.solved_with if near else correction.linearization
+
     def _judge(self, correction: Correction, size: float, *, lenient: bool) -> Step | None:
         """Step that a correction makes, or None if it should be smaller."""
         old, metric, settings = self.frame, self._metric, self._settings
-        slack = settings.tangent_slack * size if abs(float(old.tangent[-1])) > STEEP else 0.0
-        new, source = frame_at(metric, correction, old.row, slack)
+        source = self._tangent_source(correction, size)
+        new = frame_along(metric, correction.state, source, old.row)
         if new is None:  # no unique tangent, as on a branch point: straight on
             new = Frame(correction.state, old.tangent, old.row, old.sign)
         chord = metric.norm(new.state - old.state)
