@@ -1,5 +1,6 @@
 """Records of rigs with joints, or of modes alone, taken before a start from rest died out: by the independent march."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -24,12 +25,12 @@ from models.joints import CubicSpring, Friction, Joint
 from tests import three_modes
 from tests.three_modes import HZ as ONCE
 from tests.three_modes import NOMINAL, OFF, SENSORS, spectra_with_noise
-from tests.truth.modal import Hidden, cubic, jenkins, last_periods, nothing
+from tests.truth.modal import Hidden, Modes, cubic, jenkins, last_periods, nothing
 
 H = 5
 HZ = np.tile(ONCE, 3)
 FORCE = np.repeat((0.2, 0.6, 1.0), 11) * np.where(HZ > 40.0, 4.0, 1.0)
-EARLY, STEADY, RECORDED = 25, 200, 8
+EARLY, LATER, STEADY, RECORDED = 25, 40, 200, 8
 """Periods after the start at which a record of so many begins; after the first, 10 % are left of the first mode."""
 
 K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
@@ -45,14 +46,31 @@ def rig_of(joints: tuple[Joint, ...]) -> JointedRig:
     return three_modes.rig_of(joints=joints, quantity="displacement")
 
 
+def last_ones(modes: Modes, hidden: Hidden, parts: Sequence[tuple[int, int]], kept: int) -> np.ndarray:
+    return last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, parts, H, kept)
+
+
+@cache
+def started(hidden: Hidden) -> np.ndarray:
+    """Harmonics of each period from that on at which the first record begins to the end of the later one."""
+    return last_ones(NOMINAL, hidden, [(LATER + RECORDED, 512)], LATER + RECORDED - EARLY)
+
+
 @cache
 def measured(hidden: Hidden, wait: int, *, exact: bool = True) -> MeasuredSpectra:
-    """Harmonics of records of whole periods, each after a start from rest: those of their mean period."""
+    """Harmonics of records of whole periods, each after a start from rest: those of their mean period.
+
+    What coarse steps at first err by has died out before a record that is steady.
+    """
     rng = np.random.default_rng(1)
     modes = NOMINAL if exact else NOMINAL.disturbed(rng, **OFF)
-    q = last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, [(wait + RECORDED, 512)], H, RECORDED).mean(
-        axis=0
-    )
+    if wait == STEADY:
+        q = last_ones(modes, hidden, [(90, 64), (60, 128), (50 + RECORDED, 512)], RECORDED)
+    elif exact:
+        q = started(hidden)[wait - EARLY :][:RECORDED]
+    else:
+        q = last_ones(modes, hidden, [(wait + RECORDED, 512)], RECORDED)
+    q = q.mean(axis=0)
     return spectra_with_noise(rig_of(()), {name: q @ modes.rows[name] for name in SENSORS}, HZ, FORCE, rng)
 
 
@@ -87,7 +105,7 @@ def test_transients_leave_noise_and_explain_what_was_measured(name: str) -> None
 def test_motions_are_those_of_the_march(name: str) -> None:
     """With their size free the four to six numbers of a record leave what the noise does, as one of them alone not."""
     hidden, joints = CASES[name]
-    campaign, base, e = beside(joints, measured(hidden, EARLY + 15))
+    campaign, base, e = beside(joints, measured(hidden, LATER))
     left, free = 0.0, 0
     for record in campaign.data.records:
         std = campaign.listed_std(record)
