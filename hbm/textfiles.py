@@ -68,9 +68,10 @@ def read_columns(path: StrPath, kind: str, columns: Sequence[str]) -> Iterator[t
     rows = read_rows(path, kind)
     line, heading = next(rows, (1, []))
     names = [name.strip() for name in heading]
-    for name in columns:
-        if names.count(name) != 1:
-            raise InputError(f"{path} line {line}: no column {name}; must have {','.join(columns)}, each once")
+    if missing := [name for name in columns if names.count(name) != 1]:
+        raise InputError(
+            f"{path} line {line}: no column {', '.join(missing)}; must have {','.join(columns)}, each once"
+        )
     at = [names.index(name) for name in columns]
     for line, row in rows:
         where = f"{path} line {line}"

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from hbm.diagnosis.projection import Span
-from hbm.diagnosis.remainder import explained
+from hbm.diagnosis.remainder import LEFT, explained
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.signatures import Score
 from hbm.outputerror.evaluation import Evaluation
@@ -118,6 +118,11 @@ def pays(pair: Evaluation, fits: Sequence[Evaluation]) -> bool:
     """Whether a second cause takes a large share of what the first leaves, believed alone or not."""
     first = [e for e in fits if e.model.causes == pair.model.causes[:1] and not e.missing]
     return all(explained(e.white, pair.white) >= PAYS for e in first)
+
+
+def takes_much(simple: Evaluation, rich: Evaluation) -> bool:
+    """Whether a richer model takes a large share of what a simpler one leaves, beside the same floor."""
+    return bool(rich.chi2 < LEFT * simple.chi2)
 
 
 def nearest(fits: Sequence[Evaluation]) -> list[Evaluation]:

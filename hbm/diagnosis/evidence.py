@@ -84,8 +84,9 @@ class Evidence:
             yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances{beyond}{_clearest(m)}."
             if (scored := self.scored) is not None and not scored.misfit.fits:
                 yield (
-                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances"
-                    f"{_clearest(scored.misfit)}; chance {scored.misfit.probability:.2g}."
+                    f"{scored.evaluation.model.label} does not predict the records held out: "
+                    f"{scored.errors.chi2_reduced:.4g} noise variances{_clearest(scored.misfit)}; chance "
+                    f"{scored.misfit.probability:.2g}."
                 )
 
     def _background(self) -> Iterator[str]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hbm.diagnosis.barred import told_of_barred
 from hbm.diagnosis.evidence import shares_of_two
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.remainder import LEFT, percent
@@ -60,6 +61,8 @@ def floored_evidence(
         )
 
     yield from _raced(search)
+    if search.barred is not None:
+        yield told_of_barred(search.beside(search.barred, 0.0), search.trust)
     if named is None:
         return
     beside_largest = partial(white_beside, campaign=search.campaign, floor=LARGEST)

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from hbm.diagnosis.barred import barred
 from hbm.diagnosis.calibrate import tolerable, trusted
 from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, tied
+from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, takes_much, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.flooredevidence import floored_evidence, white_beside
@@ -106,6 +107,7 @@ class FlooredSearch:
         self.scores: list[Scanned] = []
         self.begun: list[str] = []
         self.unsolved: list[str] = []
+        self.barred: Evaluation | None = None
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
 
@@ -210,7 +212,7 @@ class FlooredSearch:
         whole = partial(self.beside, floor=left)
         strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone])
         self.leads = [self.beside(e, self.campaign.floor) for e in strong]
-        pairs = [e for lead in self.leads for e in self.race(lead, LEFT * lead.chi2) if _pays(lead, e)]
+        pairs = [e for lead in self.leads for e in self.race(lead, LEFT * lead.chi2) if takes_much(lead, e)]
         return self._best(base, sorted(pairs, key=self._judged)) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
@@ -229,7 +231,7 @@ class FlooredSearch:
         fits = best_of([leader, *others])
         told = {e.model.label for e in fits}
         self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits if e.model.label not in told)]
-        return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
+        return next((e for e in inside(fits[0], fits) if not takes_much(e, fits[0])), fits[0])
 
     def _judged(self, e: Evaluation) -> float:
         """A model beside the floor that it leaves itself, as by :attr:`Evaluation.bic`; the least is best."""
@@ -257,6 +259,7 @@ class FlooredSearch:
         self.tell("records held out", 0.9)
         if best is not None and not pays_unseen(best, self.leads, self._unseen):
             best = self._best(self.calibrated, self.alone)
+        self.barred = self._barred(best)
         models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
         plain = {name: self.beside(e, 0.0) for name, e in models.items()}
         unseen = {name: held for name, e in models.items() if (held := self.predicted(e)) is not None}
@@ -297,6 +300,12 @@ class FlooredSearch:
         singles = [e for e in self.fits if len(e.model.causes) == 1]
         return [other for e in singles if e.model.causes == named.model.causes[:1] for other in tied(singles, e)]
 
+    def _barred(self, best: Evaluation | None) -> Evaluation | None:
+        """See :func:`hbm.diagnosis.barred.barred`."""
+        judged = self.beside(best or self.calibrated, self.campaign.floor)
+        noise = self.noise_alone(judged)
+        return barred(judged, self.alone, self.trust, self.campaign, self.tried, noise_alone=noise)
+
     def _unseen(self, e: Evaluation) -> Whitened | None:
         """Records held out beside a model and the largest background that may be."""
         held = self.predicted(e)
@@ -321,7 +330,7 @@ class FlooredSearch:
     ) -> Verdict:
         if shares:
             least, left = min(shares.values()), plain["extended"].white
-            if least >= NEARLY and negligible(left):
+            if least >= NEARLY and negligible(left) and self.barred is None:
                 return "cause-found"
             if least >= MAIN and beyond_noise(left) <= SAYS_NOTHING:
                 return "main-cause"
@@ -368,11 +377,6 @@ def _on(hidden: FlooredCampaign | None, e: Evaluation) -> Evaluation | None:
     except FAILURES:
         return None
     return None if found.missing else found
-
-
-def _pays(simple: Evaluation, rich: Evaluation) -> bool:
-    """Whether a richer model takes a large share of what a simpler one leaves."""
-    return bool(rich.chi2 < LEFT * simple.chi2)
 
 
 def _errors(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, dict[str, Errors]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hbm.diagnosis.conclusion import SAYS_NOTHING
 from hbm.diagnosis.judge import widened
 from hbm.diagnosis.misfit import misfit
 from hbm.outputerror.campaign import Campaign
@@ -18,7 +19,7 @@ def understated(e: Evaluation, campaign: Campaign, others: Sequence[Evaluation] 
     """Noise variances that every record, channel and harmonic is off by alike; None where they are not alike.
 
     None, too, where another model leaves noise alone: then the deviations are as stated. In few records a missing
-    effect is as large everywhere.
+    effect is as large everywhere. And where the model agrees with nothing, whatever the noise.
 
     Parameters
     ----------
@@ -30,7 +31,9 @@ def understated(e: Evaluation, campaign: Campaign, others: Sequence[Evaluation] 
     """
     found = misfit(e, campaign)
     k = found.chi2 / found.dof
-    if found.fits or k < TOO_SMALL or any(misfit(widened(o, campaign), campaign).fits for o in others if not o.missing):
+    if found.fits or k < TOO_SMALL or found.nrmse > SAYS_NOTHING:
+        return None
+    if any(misfit(widened(o, campaign), campaign).fits for o in others if not o.missing):
         return None
     white = replace(e.white, residual=e.white.residual / np.sqrt(k), jacobian=e.white.jacobian / np.sqrt(k))
     return k if misfit(replace(e, white=white), campaign).fits else None

@@ -12,8 +12,8 @@ COLUMNS = ("channel", *NUMBERS)
 
 
 def is_decay(path: StrPath) -> bool:
-    """Whether a file is a CSV file with the columns of a decay."""
-    return {"amplitude", "frequency_hz", "damping_ratio"} <= csv_heading(path)
+    """Whether a file is a CSV file with a damping ratio beside a frequency: a decay, or meant as one."""
+    return {"frequency_hz", "damping_ratio"} <= csv_heading(path)
 
 
 def load_decay(path: StrPath) -> Decay:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hbm.channels import DERIVATIVES
-from hbm.fourier import Array
+from hbm.fourier import MANY, Array
 from hbm.measurement.responses import Complex
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig, JointedStructure
@@ -24,7 +24,7 @@ ALIKE, OTHER, SENSORS = 0.98, 0.9, 3
 
 
 def warn_far_below(rig: AnyRig, spectra: MeasuredSpectra) -> None:
-    """Warn of frequencies that all lie far below the first elastic mode of a rig.
+    """Warn of frequencies that all lie far below the first elastic mode of a rig; of multisines their highest lines.
 
     Warns
     -----
@@ -33,7 +33,8 @@ def warn_far_below(rig: AnyRig, spectra: MeasuredSpectra) -> None:
     omega = rig.structure.omega_n
     modes = omega[omega > 0.0] / (2.0 * np.pi)
     low, high = float(spectra.hz.min()), float(spectra.hz.max())
-    if not len(modes) or FAR * high > modes.min():
+    highest = high * spectra.H if spectra.H > MANY else high
+    if not len(modes) or FAR * highest > modes.min():
         return
     below = (
         f"{spectra.source}: frequency_hz = {low:.4g} to {high:.4g} Hz, {modes.min() / high:.2g} times below the first "

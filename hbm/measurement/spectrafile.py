@@ -139,13 +139,17 @@ def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     if not heading:
         raise InputError(f"{path}: is empty; must have the columns {','.join(COLUMNS)}")
     columns = [name.strip() for name in heading]
-    if columns not in (list(COLUMNS), list(COLUMNS[:-1])):
+    if sorted(columns) not in (sorted(COLUMNS), sorted(COLUMNS[:-1])):
         raise InputError(f"{path} line {line}: {_wrong_heading(columns)}; must be {','.join(COLUMNS)}")
+    at = [columns.index(name) for name in COLUMNS if name in columns]
     for line, row in rows:
         where = f"{path} line {line}"
-        if len(row) != len(columns) and not _is_note(row):
+        if _is_note(row):
+            yield where, row
+            continue
+        if len(row) != len(columns):
             raise InputError(f"{where}: {len(row)} entries; must have {len(columns)}")
-        yield where, row + [""] * (len(COLUMNS) - len(columns))
+        yield where, [row[i] for i in at] + [""] * (len(COLUMNS) - len(columns))
 
 
 def _wrong_heading(names: list[str]) -> str:

@@ -288,13 +288,24 @@ def test_a_decay_file_is_read_back(rig: JointedRig, tmp_path: Path) -> None:
     assert np.array_equal(load_decay(file).amplitude, back.amplitude)
 
 
+def test_a_table_that_is_meant_as_a_decay_is_refused_as_one(tmp_path: Path) -> None:
+    """By what it lacks of a decay, not of a spectra file."""
+    (tmp_path / "f.csv").write_text("record,time_s,velocity_ms,frequency_hz,damping_ratio\nD01,0.1,0.55,122.2,1e-3\n")
+    assert is_decay(tmp_path / "f.csv")
+    with pytest.raises(InputError, match=r"f\.csv line 1: no column channel, amplitude, frequency_hz_std, damping_r"):
+        load_decay(tmp_path / "f.csv")
+
+
 HEADING = "channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping_ratio_std\n"
 
 
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("amplitude,frequency_hz,damping_ratio\n", "line 1: no column channel; must have " + HEADING[:-1]),
+        (
+            HEADING.replace("channel,", ""),
+            "line 1: no column channel; must have " + HEADING[:-1],
+        ),
         (HEADING, "no rows; must have one per amplitude"),
         (HEADING + "v,1,80,0,0.1,0.1\n", "line 2: frequency_hz_std = 0; must be > 0"),
         (HEADING + "v,1,80,x,0.1,0.1\n", "line 2: 1, 80, x, 0.1, 0.1; must be numbers"),

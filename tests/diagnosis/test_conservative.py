@@ -170,12 +170,24 @@ def test_a_diagnosis_without_fundamentals_has_all_other_figures() -> None:
 def test_one_record_that_a_cause_explains_is_no_reason_to_doubt_the_noise() -> None:
     """A single record is missed alike everywhere; the deviations are as stated where another model leaves noise."""
     nominal, campaign = beside(CUBIC, STATES[-2:-1])
-    doubled = replace(nominal, white=replace(nominal.white, residual=1.5 * np.ones(len(nominal.white))))
+    white = nominal.white
+    white = replace(white, raw=0.1 * white.measured, residual=1.5 * np.ones(len(white)))
+    doubled = replace(nominal, white=white)
     assert understated(doubled, campaign) is not None
     model = Model(RIG, {}).extended_by(CubicStiffness("m2", "m3"))
     right = evaluate(model, campaign, np.array([f.of(6e9) for f in model.free]), {})
     assert misfit(right, campaign).fits
     assert understated(doubled, campaign, [right]) is None
+
+
+def test_a_model_that_agrees_with_nothing_is_no_reason_to_doubt_the_noise() -> None:
+    """What misses most of the response is off, whatever the standard deviations."""
+    nominal, campaign = beside(CUBIC, STATES[-2:-1])
+    white = nominal.white
+    for share, said in ((0.1, True), (0.5, False)):
+        raw, residual = share * white.measured, 5.0 * np.ones(len(white))
+        off = replace(nominal, white=replace(white, raw=raw, residual=residual))
+        assert (understated(off, campaign) is not None) == said
 
 
 # ---- what is said of the simulation

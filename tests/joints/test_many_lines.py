@@ -1,5 +1,6 @@
 """A body with joints under a force of many lines: the balance without a dense matrix, its derivatives, diagnosis."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from hbm.outputerror.lines import ROUGH, line_campaign
 from hbm.sensitivity.lines import line_changes
 from models.bodies.modal import ModalModel
 from models.causes.addedjoint import AddedJoint
-from models.causes.joints import CubicStiffness, JointSlip, LocalSpring, QuinticStiffness
+from models.causes.joints import CubicStiffness, JointSlip, LocalSpring, QuinticStiffness, TwoSidedStop
 from models.friction import Dahl, Iwan, Jenkins
 from models.jointed import JointedRig
 from models.joints import Clearance, CubicSpring, Dashpot, Friction, Joint, JointLaw, PolynomialSpring
@@ -239,6 +240,18 @@ def test_a_cubic_spring_is_named_from_lines() -> None:
         own = (rows["model"] == model) & rows["held_out"]
         y, x = (rows[f"{what}_real"][own] + 1j * rows[f"{what}_imag"][own] for what in ("measured", "simulated"))
         assert np.linalg.norm(y - x) / np.linalg.norm(y) == pytest.approx(errors["held_out"].nrmse, rel=1e-6)
+
+
+def test_no_cause_is_found_where_another_would_be_but_for_a_tolerance() -> None:
+    """The frequency of the rig file is 2 % off, four of its tolerances: a stop looks like the spring within them."""
+    rig, spectra = oscillator(F_N * 1.02), measured(lambda u: -2e7 * u**3, 0.02)
+    found = diagnose(rig, spectra, held_out=[2, 5], causes=[CubicStiffness, TwoSidedStop])
+    assert (found.verdict, found.cause) == ("main-cause", "two-sided-stop")
+    (line,) = (line for line in found.evidence if "tolerances reach" in line)
+    assert re.match(r"cubic-stiffness m alone would leave 1\.3 % where modal\.frequencies_hz\[1\] is 33\.00", line)
+    known = dict.fromkeys(["modal.frequencies_hz[1]"], 0.02)
+    again = diagnose(rig, spectra, held_out=[2, 5], causes=[CubicStiffness, TwoSidedStop], tolerances=known)
+    assert (again.verdict, again.cause) == ("cause-found", "cubic-stiffness")
 
 
 def test_quiet_lines_where_nothing_was_excited_do_not_outweigh_all_others() -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hbm.measurement.inband import warn_in_radians
+from hbm.fourier import MANY
+from hbm.measurement.inband import warn_far_below, warn_in_radians
 from hbm.measurement.spectrafile import load_spectra, write_spectra
 from hbm.rigfiles.load import load_rig
 from models.plausible import PlausibilityWarning
@@ -73,3 +74,16 @@ def test_records_of_a_contact_in_radians_are_warned_of() -> None:
     spectra = load_spectra(EXAMPLE / "spectra.csv", rig)
     with pytest.warns(PlausibilityWarning, match=r"the rig moves so at 46 to 58 Hz; are they in rad/s\?$"):
         warn_in_radians(rig, replace(spectra, hz=2 * np.pi * spectra.hz))
+
+
+@pytest.mark.parametrize(("hz", "doubted"), [(0.05, False), (0.05e-3, True)])
+def test_of_a_multisine_its_highest_line_is_compared_with_the_modes(hz: float, doubted: bool) -> None:
+    """Harmonics of a base frequency far below all modes reach them; in kHz they do not."""
+    H = MANY + 100
+    seen = {name: np.zeros((1, 2 * H + 1)) for name in SENSORS}
+    rng = np.random.default_rng(4)
+    spectra = spectra_with_noise(rig_of(), seen, np.array([hz]), np.ones(1), rng)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn_far_below(rig_of(), spectra)
+    assert bool(told) == doubted

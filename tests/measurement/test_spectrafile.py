@@ -99,6 +99,19 @@ def test_columns_may_be_separated_as_in_exports(delimiter: str, point: str, rig:
     assert other.notes == ours.notes == ((1, "it, so to speak, settled"),)
 
 
+@pytest.mark.parametrize("without", [(), ("std",)])
+def test_columns_may_be_in_any_order(without: tuple[str, ...], rig: Rig, tmp_path: Path) -> None:
+    write_spectra(tmp_path / "ours.csv", drawn(rig))
+    table = [line.split(",") for line in (tmp_path / "ours.csv").read_text().splitlines()]
+    order = [i for i, name in enumerate(table[0]) if name not in without]
+    for name, at in (("ours", order), ("theirs", order[::-1])):
+        text = "\n".join(",".join(row[i] for i in at) for row in table) + "\n# record 1: noisy, it is said\n"
+        (tmp_path / f"{name}.csv").write_text(text)
+    ours, other = (load_spectra(tmp_path / f"{name}.csv", rig, repeatability=0.01) for name in ("ours", "theirs"))
+    assert_same(ours, other)
+    assert other.notes == ours.notes == ((1, "noisy, it is said"),)
+
+
 @pytest.mark.parametrize("cell", ["-1.234,5", "-1,234.5", "1,234,567"])
 def test_separators_of_thousands_are_refused(cell: str, rig: Rig, tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text(f"{HEADING}\n{GOOD}\n".replace(",", ";").replace("-1.5", cell))
@@ -206,8 +219,8 @@ def test_a_line_costs_no_more_in_a_longer_file(tmp_path: Path) -> None:
         (HEADING.replace(",level", ""), f" line 1: no column level; must be {HEADING}"),
         (f"{HEADING},phase\n", f' line 1: unknown column "phase"; must be {HEADING}'),
         (
-            "level,record,frequency_hz,channel,harmonic,cos,sin,std",
-            f" line 1: columns are level,record,frequency_hz,channel,harmonic,cos,sin,std; must be {HEADING}",
+            "record,level,frequency_hz,channel,harmonic,cos,sin,std,std",
+            f" line 1: columns are record,level,frequency_hz,channel,harmonic,cos,sin,std,std; must be {HEADING}",
         ),
         ("3,4.7,54.112,a1,1,-1.5,0.25", " line 3: 7 entries; must have 8"),
         ("3,4.7,54.112,a1,1,-1.5,0.25,1e-3,9", " line 3: 9 entries; must have 8"),
