@@ -5,7 +5,7 @@ receptances, and weighted least squares turn that round. As many forces can be f
 harmonics tell them apart, the standard deviations say.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -126,18 +126,16 @@ def _found(rig: JointedRig, spectra: MeasuredSpectra) -> _Found:
     energy, variance = np.zeros((2, r, len(rig.joints)))
     chi2, expected = np.zeros((2, r, len(sensors.channels) + 1))
     residual = np.zeros((r, H + 1, len(sensors.channels) + 1), dtype=complex)
-    for i in range(r):
-        for k in range(1, H + 1):
-            solved = sensors.solved(i, k)
-            if solved is None:
-                continue
-            f[i, k], u[i, k], f_std[i, k], u_std[i, k] = solved.signals
+    for k in range(1, H + 1):
+        for solved in sensors.solved(k):
+            at = solved.records
+            f[at, k], u[at, k], f_std[at, k], u_std[at, k] = solved.signals
             taken, noise = solved.taken(k, [j.law.ports for j in rig.joints])
-            energy[i] += taken
-            variance[i] += noise**2
-            residual[i, k, solved.read] = solved.residual
-            chi2[i, solved.read] += solved.chi2
-            expected[i, solved.read] += solved.expected
+            energy[at] += taken
+            variance[at] += noise**2
+            residual[at[:, None], k, solved.read] = solved.residual
+            chi2[at[:, None], solved.read] += solved.chi2
+            expected[at[:, None], solved.read] += solved.expected
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
     return _Found(f, f_std, u, u_std, energy, variance, misfit, residual)
 
@@ -148,48 +146,52 @@ def _misfit(rig: JointedRig, spectra: MeasuredSpectra) -> Misfit:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Joint forces and excitation of one harmonic of one record, by weighted least squares.
+    """Joint forces and excitation of one harmonic of r records, by weighted least squares.
 
     Attributes
     ----------
-    forces : (m + 1,) complex array
-        Of the joints, then of the excitation.
-    spread : (m + 1, readings) complex array
-        Their deviations per standard deviation of each reading; of cosine and sine alike.
-    motion : (m, m + 1) complex array
-        Motion at the joints per force.
+    records : (r,) int array
+        Places of the records.
     read : (readings,) int array
         Places of the channels read; the force is behind the last.
-    residual : (readings,) complex array
+    forces : (r, m + 1) complex array
+        Of the joints, then of the excitation.
+    spread : (r, m + 1, readings) complex array
+        Their deviations per standard deviation of each reading; of cosine and sine alike.
+    motion : (r, m, m + 1) complex array
+        Motion at the joints per force.
+    residual : (r, readings) complex array
         Measured less explained, in standard deviations.
-    expected : (readings,) array
+    expected : (r, readings) array
         What noise alone leaves of their squares on the mean.
     """
 
+    records: Indices
+    read: Indices
     forces: Complex
     spread: Complex
     motion: Complex
-    read: npt.NDArray[np.intp]
     residual: Complex
     expected: Array
 
     @property
     def chi2(self) -> Array:
-        """Squared residuals, (readings,)."""
+        """Squared residuals, (r, readings)."""
         return np.asarray(np.abs(self.residual) ** 2)
 
     @property
     def signals(self) -> tuple[Complex, Complex, Array, Array]:
-        """Forces and motions at the ports, and their standard deviations."""
-        std = np.linalg.norm(self.spread[:-1], axis=1), np.linalg.norm(self.motion @ self.spread, axis=1)
-        return self.forces[:-1], self.motion @ self.forces, *std
+        """Forces and motions at the ports, and their standard deviations, (r, m) each."""
+        std = np.linalg.norm(self.spread[:, :-1], axis=2), np.linalg.norm(self.motion @ self.spread, axis=2)
+        return self.forces[:, :-1], _times(self.motion, self.forces), *std
 
     def taken(self, k: int, ports: Sequence[int]) -> tuple[Array, Array]:
-        """Energy that each joint takes in a period by harmonic k [J], and its standard deviation."""
-        f, u, at = self.forces[:-1], self.motion @ self.forces, np.cumsum([0, *ports[:-1]])
-        by_forces, by_motion = self.spread[:-1] * u.conj()[:, None], (self.motion @ self.spread) * f.conj()[:, None]
-        taken, spread = (f * u.conj()).imag, np.add.reduceat(by_forces - by_motion, at, axis=0)
-        return -np.pi * k * np.add.reduceat(taken, at), np.pi * k * np.linalg.norm(spread, axis=1)
+        """Energy that each joint takes in a period by harmonic k [J], and its standard deviation, (r, joints) each."""
+        (f, u, *_), at = self.signals, np.cumsum([0, *ports[:-1]])
+        by_forces = self.spread[:, :-1] * u.conj()[..., None]
+        by_motion = (self.motion @ self.spread) * f.conj()[..., None]
+        taken, spread = (f * u.conj()).imag, np.add.reduceat(by_forces - by_motion, at, axis=1)
+        return -np.pi * k * np.add.reduceat(taken, at, axis=1), np.pi * k * np.linalg.norm(spread, axis=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,36 +218,59 @@ class _Sensors:
         std = np.stack([spectra.std[:, spectra.index(c.name)] for c in measured], axis=1)
         return _Sensors(rig, spectra, measured, values, std, *_force(rig, spectra))
 
-    def solved(self, i: int, k: int) -> _Solved | None:
-        """Harmonic k of record i; None where its sensors do not tell the joint forces apart."""
-        rig, omega = self.rig, 2 * np.pi * k * float(self.spectra.hz[i])
-        m, y, std = rig.ports, self.values[i, :, k], self.std[i, :, k]
-        read = np.flatnonzero(np.isfinite(y) & np.isfinite(std))
-        if len(read) < m:
-            return None
-        on, names = receptances(rig.structure, omega), [c.name for c in rig.response_channels]
-        rows = [names.index(self.channels[c].name) for c in read]
-        factors = np.array([factor(self.channels[c], np.array(1j * omega)) for c in read])
-        # the force is an unknown too, and what was measured of it one more reading
-        G = np.column_stack([on.channels_by_joints[rows], on.channels_by_force[rows]]) * factors[:, None]
-        A = np.vstack([G / std[read, None], np.eye(m + 1)[-1:] / self.force_std[i, k]])
-        b = np.append(y[read] / std[read], self.force[i, k] / self.force_std[i, k])
-        columns = A[:-1, :-1]
-        values = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
-        if not values[-1] > TOLD_APART * values[0]:
-            return None
-        scale = np.linalg.norm(A, axis=0)
-        inverse = np.linalg.pinv(A / scale) / scale[:, None]
-        forces = inverse @ b
-        leverage = np.einsum("bx,xb->b", A, inverse).real
+    def solved(self, k: int) -> Iterator[_Solved]:
+        """Harmonic k of the records whose sensors tell the joint forces apart, those of the same readings at once."""
+        known = np.isfinite(self.values[..., k]) & np.isfinite(self.std[..., k])
+        for reads in np.unique(known, axis=0):
+            if np.count_nonzero(reads) >= self.rig.ports:
+                yield self._solved(k, np.flatnonzero((known == reads).all(axis=1)), np.flatnonzero(reads))
+
+    def _solved(self, k: int, records: Indices, read: Indices) -> _Solved:
+        std = np.column_stack([self.std[records[:, None], read, k], self.force_std[records, k]])
+        # records of the same frequency and deviations share all but what was measured
+        alike, of = np.unique(np.column_stack([self.spectra.hz[records], std]), axis=0, return_inverse=True)
+        A, motion = self._equations(k, read, alike[:, 0], alike[:, 1:])
+        columns = A[:, :-1, :-1]
+        values = np.linalg.svd(columns / np.linalg.norm(columns, axis=1, keepdims=True), compute_uv=False)
+        told = (values[:, -1] > TOLD_APART * values[:, 0])[of]
+        records, of, std = records[told], of[told], std[told]
+        scale = np.linalg.norm(A, axis=1)
+        inverse = np.linalg.pinv(A / scale[:, None]) / scale[..., None]
+        leverage = np.einsum("rbx,rxb->rb", A, inverse).real
+        expected = 2 * np.where(leverage < 1.0 - ALL_USED, 1.0 - leverage, 0.0)
+        b = np.column_stack([self.values[records[:, None], read, k], self.force[records, k]]) / std
+        forces = _times(inverse[of], b)
         return _Solved(
-            forces=forces,
-            spread=inverse,
-            motion=np.column_stack([on.joints_by_joints, on.joints_by_force]),
+            records=records,
             read=np.append(read, len(self.channels)),
-            residual=b - A @ forces,
-            expected=2 * np.where(leverage < 1.0 - ALL_USED, 1.0 - leverage, 0.0),
+            forces=forces,
+            spread=inverse[of],
+            motion=motion[of],
+            residual=b - _times(A[of], forces),
+            expected=expected[of],
         )
+
+    def _equations(self, k: int, read: Indices, hz: Array, std: Array) -> tuple[Complex, Complex]:
+        """Readings per force in standard deviations, and motion at the joints per force, at harmonic k of `hz`.
+
+        The force is an unknown too, and what was measured of it one more reading: (n, readings, m + 1), (n, m, m + 1).
+        """
+        frequencies, at = np.unique(hz, return_inverse=True)
+        omega = 2 * np.pi * k * frequencies
+        each = [receptances(self.rig.structure, w) for w in omega.tolist()]
+        names = [c.name for c in self.rig.response_channels]
+        rows = [names.index(self.channels[c].name) for c in read]
+        factors = np.column_stack([factor(self.channels[c], 1j * omega) for c in read])
+        responses = [np.column_stack([on.channels_by_joints, on.channels_by_force])[rows] for on in each]
+        force = np.eye(self.rig.ports + 1)[-1:]
+        G: Complex = np.array([np.vstack([g * x[:, None], force]) for g, x in zip(responses, factors, strict=True)])
+        motion: Complex = np.array([np.column_stack([on.joints_by_joints, on.joints_by_force]) for on in each])
+        return G[at] / std[..., None], motion[at]
+
+
+def _times(matrices: Complex, vectors: Complex) -> Complex:
+    """Products of stacks of matrices and of vectors, (r, rows)."""
+    return np.asarray(np.einsum("rij,rj->ri", matrices, vectors))
 
 
 def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:

@@ -141,6 +141,26 @@ def test_a_harmonic_that_was_not_measured_is_left_out(solution: object) -> None:
     assert np.isfinite(found["rub.force"].samples).all()
 
 
+def test_records_are_found_as_each_is_alone(solution: object) -> None:
+    """What those of the same frequency, deviations and readings share is no other record's."""
+    spectra = _spectra(solution, 6)
+    std = spectra.std * np.array([1.0, 1.0, 2.0, 1.0, 1.0, 3.0])[:, None, None]
+    std[3, 1, 2], std[4, 0, 3], std[5, :3, 4] = np.nan, np.nan, np.nan
+    spectra = replace(spectra, std=std, hz=np.array([45.0, 45.0, 45.0, 46.0, 45.0, 44.0]))
+    together = reconstruct_joints(RIG, spectra)
+    for i, record in enumerate(spectra.records):
+        alone = reconstruct_joints(RIG, spectra.select(records=[record]))
+        for name in (*RIG.forces, *RIG.motions):
+            for what in ("coefficients", "coefficient_std"):
+                found, expected = getattr(together[name], what)[i], getattr(alone[name], what)[0]
+                np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.nanmax(expected))
+        for joint in RIG.joints:
+            found, expected = together.energy[joint.name], alone.energy[joint.name]
+            assert found.std[i] == pytest.approx(expected.std[0], rel=1e-9)
+            assert found.value[i] == pytest.approx(expected.value[0], abs=1e-9 * expected.std[0])
+        assert together.chi2[i] == pytest.approx(alone.chi2[0], rel=1e-9)
+
+
 MODES, RATIO = np.array([20.0, 47.0]), 0.01
 ROWS = {"drive": (0.8, 0.5), "a": (0.5, 0.9), "b": (0.9, -0.4)}
 LIMIT, SLIDES = 10.0, np.geomspace(1.05, 30.0, 40)
