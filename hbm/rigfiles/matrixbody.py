@@ -53,8 +53,8 @@ def matrix_body(matrix: MatrixTable, folder: Path, places: Sequence[str]) -> Mat
     if matrix.dofs is not None:
         names = _names(matrix.dofs, folder, mass.shape[0])
     names = names or tuple(str(i + 1) for i in range(mass.shape[0]))
-    # a node stands for all its degrees of freedom
-    fixed = dict.fromkeys(name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given]))
+    known = _by_place(names)
+    fixed = dict.fromkeys(name for given in matrix.fixed for name in known.get(given, [given]))
     modes = matrix.modes
     if "modes" not in matrix.model_fields_set:  # what nobody asked for is no reason to refuse a small model
         held = {*fixed, *(places if matrix.reduction == "craig-bampton" else ())}
@@ -107,9 +107,14 @@ def _names(file: str, folder: Path, rows: int) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _at(name: str, given: str) -> bool:
-    """Whether a degree of freedom is that given, or of the node given."""
-    return name == given or name.startswith(f"{given}.")
+def _by_place(names: Sequence[str]) -> dict[str, list[str]]:
+    """Degrees of freedom by their own names, and by those of their nodes, which stand for all that they have."""
+    known: dict[str, list[str]] = {}
+    for name in names:
+        parts = name.split(".")
+        for end in range(1, len(parts) + 1):
+            known.setdefault(".".join(parts[:end]), []).append(name)
+    return known
 
 
 def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any, tuple[str, ...] | None]:
