@@ -89,6 +89,8 @@ def _wrong(d: Diagnosis, where: str) -> str:
     if d.remainder.structured:
         more = f"of which {percent(d.remainder.size)} are more" if d.remainder.size else "as a whole no more"
         return f"Little. The {missed}, {more} than noise."
+    if _told_by_numbers(d):
+        return f"Numbers of the rig file, within their tolerances. The {missed}: what is left then is noise."
     return f"Nothing. The {missed}, which is noise."
 
 
@@ -101,13 +103,23 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         yield from _missing(force)
     elif d.remainder.structured:
         yield "No cause that was tried takes most of what is left."
-    elif d.nominal and d.campaign and not d.floored and misfit(d.nominal, d.campaign).fits:
+    elif _fits_as_it_is(d):
         yield "No cause that was tried makes the records decisively likelier."
-    elif d.calibrated and (told := moved(d.calibrated)[:MOST_MOVED]):
+    elif told := _told_by_numbers(d):
         which = ", ".join(told)
         yield f"Numbers of the rig file that moved within their tolerances explain the difference, most of all {which}."
     else:
         yield "No number of the rig file had to move much, and no cause that was tried makes the records likelier."
+
+
+def _fits_as_it_is(d: Diagnosis) -> bool:
+    """Whether the rig file leaves noise alone, before calibration."""
+    return bool(d.nominal and d.campaign and not d.floored and misfit(d.nominal, d.campaign).fits)
+
+
+def _told_by_numbers(d: Diagnosis) -> list[str]:
+    """Numbers that moved most, where the rig file as it is does not fit."""
+    return [] if _fits_as_it_is(d) or not d.calibrated else list(moved(d.calibrated)[:MOST_MOVED])
 
 
 def _missing(force: Discrepancy | None) -> Iterator[str]:

@@ -30,6 +30,7 @@ from hbm.diagnosis.signatures import Score
 from hbm.diagnosis.turns import in_order
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
+from hbm.files.diagnosissummary import first_screen
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
 from hbm.outputerror.evaluation import evaluate
@@ -154,6 +155,9 @@ def test_a_gap_is_named_placed_and_measured() -> None:
 def test_nothing_is_blamed_where_all_is_within_tolerances() -> None:
     d = found("null")
     assert d.verdict == "consistent" and d.cause is None and d.extended is None
+    said = first_screen(d, None, "", 0.0)
+    assert said["What is wrong"].startswith("Numbers of the rig file, within their tolerances. The rig file misses")
+    assert said["Why"].startswith("Numbers of the rig file that moved within their tolerances explain the difference")
 
 
 def test_a_wrong_frequency_is_told_from_physics() -> None:
