@@ -143,11 +143,13 @@ def test_a_harmonic_that_was_not_measured_is_left_out(solution: object) -> None:
 
 def test_records_are_found_as_each_is_alone(solution: object) -> None:
     """What those of the same frequency, deviations and readings share is no other record's."""
-    spectra = _spectra(solution, 6)
-    std = spectra.std * np.array([1.0, 1.0, 2.0, 1.0, 1.0, 3.0])[:, None, None]
+    spectra = _spectra(solution, 7)
+    std = spectra.std * np.array([1.0, 1.0, 2.0, 1.0, 1.0, 3.0, 1.0])[:, None, None]
+    std[0, :3, 4] = 1e13  # two channels left: not told apart
     std[3, 1, 2], std[4, 0, 3], std[5, :3, 4] = np.nan, np.nan, np.nan
-    spectra = replace(spectra, std=std, hz=np.array([45.0, 45.0, 45.0, 46.0, 45.0, 44.0]))
+    spectra = replace(spectra, std=std, hz=np.array([45.0, 45.0, 45.0, 46.0, 45.0, 44.0, 46.0]))
     together = reconstruct_joints(RIG, spectra)
+    assert np.argwhere(~together.found[:, 1:]).tolist() == [[0, 3], [5, 3]]
     for i, record in enumerate(spectra.records):
         alone = reconstruct_joints(RIG, spectra.select(records=[record]))
         for name in (*RIG.forces, *RIG.motions):
