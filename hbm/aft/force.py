@@ -11,9 +11,8 @@ import numpy as np
 
 from hbm.aft.period import DT, law_functions
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import Loop, undying
-from hbm.aft.slopes import Slopes
-from hbm.aft.steady import SteadyPeriod, buffered
+from hbm.aft.recurrence import undying
+from hbm.aft.steady import SteadyPeriod
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
 from models.friction import FrictionLaw
@@ -221,20 +220,8 @@ class LawOverPeriod(SteadyPeriod):
         Marches forwards, for few changes and all samples; :meth:`linearize` for few outputs and all signals.
         """
         self.shown(signals, Omega, environment)
-        evaluate, (_, _, table, _) = buffered(self.functions.tangent(), self._inputs)
-
-        def read() -> Slopes:
-            evaluate()
-            return self._unpacked(table).copy()
-
-        def virgin() -> Slopes:
-            steady = self._carried.copy()
-            self._carried[:] = 0.0
-            found = read()
-            self._carried[:] = steady
-            return found
-
-        return Loop(read(), virgin).changed(self._sampled(signals, Omega, change))[:, 0]
+        followed = self._followed(self.functions.tangent())
+        return followed.changed(self._sampled(signals, Omega, change))[:, 0]
 
     def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
         """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""

@@ -12,8 +12,7 @@ import numpy as np
 from hbm.aft.jointstep import ENVIRONMENT, JointFunctions, joint_functions, signals_of, values
 from hbm.aft.projection import projected, shown
 from hbm.aft.recurrence import Loop, undying
-from hbm.aft.slopes import Slopes
-from hbm.aft.steady import SteadyPeriod, buffered
+from hbm.aft.steady import SteadyPeriod
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
 
@@ -206,20 +205,7 @@ class JointOverPeriod(SteadyPeriod):
     def _changed(self, signals: Array, Omega: float, inputs: Array, chosen: slice) -> Array:
         """Change (N_t, m, c) of the steady forces with some of the signals read, the time step and the numbers."""
         self.shown(signals, Omega)
-        evaluate, (_, _, table, _) = buffered(self.functions.by_numbers, self._inputs)
-
-        def read() -> Slopes:
-            evaluate()
-            return self._unpacked(table).to(chosen).copy()
-
-        def virgin() -> Slopes:
-            kept = self._carried.copy()
-            self._carried[:] = 0.0
-            found = read()
-            self._carried[:] = kept
-            return found
-
-        return Loop(read(), virgin).changed(inputs)
+        return self._followed(self.functions.by_numbers, chosen).changed(inputs)
 
     def alike(self, signals: Array, Omega: float) -> Array | None:
         """Slopes (m, 2 m + 1) of the forces to the signals, where they are the same at all samples and nothing is kept.

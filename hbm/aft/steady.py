@@ -6,7 +6,7 @@ from typing import ClassVar, Protocol
 import casadi as ca
 import numpy as np
 
-from hbm.aft.recurrence import NEUTRAL, monodromy, radius
+from hbm.aft.recurrence import NEUTRAL, Loop, monodromy, radius
 from hbm.aft.slopes import Layout, Slopes, unpacked
 from hbm.fourier import Array
 
@@ -160,6 +160,23 @@ class SteadyPeriod:
         for buffer, values in zip(buffers, steady, strict=True):
             buffer[:] = values
         return first
+
+    def _followed(self, function: ca.Function, chosen: slice = slice(None)) -> Loop:
+        """The steady period by the slopes that a function of what the buffers hold works out, to some of its inputs."""
+        evaluate, (_, _, table, _) = buffered(function, self._inputs)
+
+        def read() -> Slopes:
+            evaluate()
+            return self._unpacked(table).to(chosen).copy()
+
+        def virgin() -> Slopes:
+            steady = self._carried.copy()
+            self._carried[:] = 0.0
+            found = read()
+            self._carried[:] = steady
+            return found
+
+        return Loop(read(), virgin)
 
     @property
     def _transitions(self) -> Array:
