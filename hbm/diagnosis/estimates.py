@@ -9,6 +9,7 @@ from hbm.diagnosis.verdict import Estimate, Ranked
 from hbm.fourier import Array
 from hbm.outputerror.evaluation import Evaluation
 from models.causes.addedjoint import AddedJoint
+from models.causes.friction import OtherFriction
 from models.causes.parameter import WrongParameter
 
 ONSET = 3.0
@@ -22,9 +23,9 @@ def name_of(e: Evaluation) -> str:
 
 
 def told_of(e: Evaluation) -> str:
-    """The same as one of several: of a joint with its place, which may be all that differs."""
+    """The same as one of several: of a joint with its place or its name, which may be all that differs."""
     cause = e.model.causes[0]
-    return cause.label if isinstance(cause, AddedJoint) else name_of(e)
+    return cause.label if isinstance(cause, AddedJoint | OtherFriction) else name_of(e)
 
 
 def estimates(e: Evaluation, std: Array | None = None) -> dict[str, Estimate]:

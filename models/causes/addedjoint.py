@@ -123,7 +123,7 @@ class AddedJoint(Cause):
 
     def unknowns(self, rig: JointedRig) -> tuple[Unknown, ...]:
         """Numbers of the law, of the size that the linear rig's motion at its resonances gives them."""
-        motion, omega = reach(rig, self)
+        motion, omega = reach(rig, self.at, self.to)
         unit = [n.of(rig.excitation.amplitude, motion, omega) for n in self.numbers]
         return tuple(self._unknown(rig, n, size) for n, size in zip(self.numbers, unit, strict=True))
 
@@ -196,10 +196,11 @@ def _alike(one: Array, other: Array) -> bool:
     return bool(np.abs(one - other).max() <= SAME * size)
 
 
-def reach(rig: JointedRig, cause: AddedJoint) -> tuple[float, float]:
-    """Largest motion [m] that the excitation makes where a joint would be, and the frequency of it [rad/s]."""
+def reach(rig: JointedRig, at: str, to: str) -> tuple[float, float]:
+    """Largest motion [m] that the excitation makes between two ends without a joint, and its frequency [rad/s]."""
     rows, s = _rows(rig), rig.structure
-    row = np.sum([w * rows[place] for w, place in terms(cause.at)], axis=0) - (rows[cause.to] if cause.to else 0.0)
+    row = np.sum([w * rows[place] for w, place in terms(at)], axis=0)
+    row = row - np.sum([w * rows[place] for w, place in terms(to)], axis=0)
     omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
     loss = np.maximum(s.damping.diagonal(), 1e-6 * np.where(s.omega_n > 0.0, s.omega_n, 1.0))
     size = np.abs(row * s.excitation) * rig.excitation.amplitude / (omega * loss)

@@ -1,11 +1,12 @@
-"""Causes in the friction and the load on it."""
+"""Causes in the friction of a contact or of a joint, and in the load on it."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from math import nan
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
-from models.causes.cause import Cause, Unknown
+from models.causes.cause import EITHER, Cause, Unknown
+from models.causes.rubbing import Rubbing, rubbing, rubbing_at, with_friction
 from models.friction import Dahl, FrictionLaw, Frictionless, Jenkins, Viscous, chosen, parameters
 from models.friction.extended import (
     ASYMMETRIC,
@@ -16,15 +17,61 @@ from models.friction.extended import (
     asymmetric,
     beside_dashpot,
 )
+from models.jointed import AnyRig
 from models.rig import Rig
 
-LAW = "contact.friction."
 HARDLY = 1e-5
 """Relative size of a start that changes hardly anything, where at nothing at all other parameters would have no say."""
 
 
 @dataclass(frozen=True)
-class StribeckWeakening(Cause):
+class OtherFriction(Cause):
+    """Base of causes that put another friction law in the place of the one that is there.
+
+    Attributes
+    ----------
+    joint : str
+        Name of the joint that rubs so; empty for the contact of a rig that has one.
+    """
+
+    rigs: ClassVar[tuple[type, ...]] = EITHER
+
+    joint: str = field(default="", kw_only=True)
+
+    @classmethod
+    def candidates(cls, rig: AnyRig) -> Iterator[Self]:
+        """Offer it wherever the rig has a law that it extends."""
+        yield from (cls(joint=r.joint) for r in rubbing(rig) if cls.extends(r.law))
+
+    @classmethod
+    def extends(cls, law: FrictionLaw) -> bool:
+        """Whether it is known for a law."""
+        raise NotImplementedError
+
+    @property
+    def label(self) -> str:
+        """Name, and the joint."""
+        return f"{self.name} {self.joint}".rstrip()
+
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
+        """Numbers of the law in its place."""
+        return self.asked(rubbing_at(rig, self.joint))
+
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
+        """Put the law in its place."""
+        return with_friction(rig, self.joint, self.law(rubbing_at(rig, self.joint), values))
+
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+        """Parameters, for the friction that is there."""
+        raise NotImplementedError
+
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The law in the place of the one that is there."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class StribeckWeakening(OtherFriction):
     """Friction that falls with the sliding speed; the stiffness of the contact stays.
 
     Attributes
@@ -45,30 +92,31 @@ class StribeckWeakening(Cause):
     exponent: float = 2.0
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["StribeckWeakening"]:
-        """Where a Jenkins element rubs."""
-        if type(rig.contact.law) is Jenkins:
-            yield cls()
+    def extends(cls, law: FrictionLaw) -> bool:
+        """A Jenkins element."""
+        return type(law) is Jenkins
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
         """Friction at rest and at high speed, both the nominal one at first, and the speed between."""
-        mu = _jenkins(rig).mu
-        low, high = 1e-3 * mu, 1e2 * mu
+        mu = _jenkins(there).mu
+        low, high, v = 1e-3 * mu, 1e2 * mu, there.speed
         return (
-            Unknown("mu_static", "1", LAW + "mu_static", low, high, mu, (mu,), least="mu"),
-            Unknown("mu", "1", LAW + "mu", low, high, mu, ((1 - HARDLY) * mu, 0.9 * mu, 0.6 * mu)),
-            Unknown("stribeck_velocity", "m/s", LAW + "stribeck_velocity", 1e-6, 1.0, nan, (1e-3, 1e-4, 1e-2)),
+            Unknown("mu_static", "1", there.key + "mu_static", low, high, mu, (mu,), least="mu"),
+            Unknown("mu", "1", there.key + "mu", low, high, mu, ((1 - HARDLY) * mu, 0.9 * mu, 0.6 * mu)),
+            Unknown(
+                "stribeck_velocity", "m/s", there.key + "stribeck_velocity", 1e-3 * v, 1e3 * v, nan, (v, v / 10, 10 * v)
+            ),
         )
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Put the law in the place of the Jenkins element."""
-        nominal = _jenkins(rig)
-        stiffness = nominal.mu * rig.contact.normal_load / nominal.critical_slip
-        return _with_law(rig, WeakeningJenkins(stiffness=stiffness, exponent=self.exponent, **values))
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The law with the stiffness of the Jenkins element."""
+        nominal = _jenkins(there)
+        stiffness = nominal.mu * there.load / nominal.critical_slip
+        return WeakeningJenkins(stiffness=stiffness, exponent=self.exponent, **values)
 
 
 @dataclass(frozen=True)
-class DistributedMicroslip(Cause):
+class DistributedMicroslip(OtherFriction):
     """Many Jenkins elements of different limits instead of one.
 
     Attributes
@@ -89,26 +137,25 @@ class DistributedMicroslip(Cause):
     elements: int = 10
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["DistributedMicroslip"]:
-        """Where a Jenkins element rubs."""
-        if type(rig.contact.law) is Jenkins:
-            yield cls()
+    def extends(cls, law: FrictionLaw) -> bool:
+        """A Jenkins element."""
+        return type(law) is Jenkins
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
         """Half width of the limits' distribution.
 
         Its effect grows with its square: at none there is no derivative, and the first start is one at which the
         samples of a period see the elements slip one after the other.
         """
-        return (Unknown("spread", "1", LAW + "spread", 0.0, 1.0, 0.0, (0.05, 0.3, 0.8)),)
+        return (Unknown("spread", "1", there.key + "spread", 0.0, 1.0, 0.0, (0.05, 0.3, 0.8)),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Put the elements in the place of the one."""
-        return _with_law(rig, DistributedJenkins(**parameters(_jenkins(rig)), elements=self.elements, **values))
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The elements in the place of the one."""
+        return DistributedJenkins(**parameters(_jenkins(there)), elements=self.elements, **values)
 
 
 @dataclass(frozen=True)
-class ViscousContact(Cause):
+class ViscousContact(OtherFriction):
     """A dashpot beside the friction."""
 
     name: ClassVar[str] = "viscous-contact"
@@ -120,25 +167,24 @@ class ViscousContact(Cause):
     )
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["ViscousContact"]:
-        """Beside laws that take a dashpot, and where there is none."""
-        law = rig.contact.law
-        if (isinstance(law, BESIDE_DASHPOT) and not hasattr(law, "coefficient")) or type(law) is Frictionless:
-            yield cls()
+    def extends(cls, law: FrictionLaw) -> bool:
+        """Laws that take a dashpot beside them, and none at all."""
+        return (isinstance(law, BESIDE_DASHPOT) and not hasattr(law, "coefficient")) or type(law) is Frictionless
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
         """Coefficient of the dashpot."""
-        return (Unknown("coefficient", "N s/m", LAW + "coefficient", 0.0, 1e7, 0.0, (0.0, 10.0, 100.0, 1e3)),)
+        c = there.damper
+        return (
+            Unknown("coefficient", "N s/m", there.key + "coefficient", 0.0, 1e5 * c, 0.0, (0.0, c / 10, c, 10 * c)),
+        )
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Put the dashpot beside the law."""
-        if type(rig.contact.law) is Frictionless:
-            return _with_law(rig, Viscous(**values))
-        return _with_law(rig, _remade(beside_dashpot, rig.contact.law, values))
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The law beside the dashpot."""
+        return Viscous(**values) if type(there.law) is Frictionless else _remade(beside_dashpot, there.law, values)
 
 
 @dataclass(frozen=True)
-class AsymmetricFriction(Cause):
+class AsymmetricFriction(OtherFriction):
     """Friction coefficients that differ with the direction, at the same mean."""
 
     name: ClassVar[str] = "asymmetric-friction"
@@ -150,23 +196,21 @@ class AsymmetricFriction(Cause):
     )
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["AsymmetricFriction"]:
-        """Offer it for laws with a limit."""
-        law = rig.contact.law
-        if isinstance(law, ASYMMETRIC) and law.ratio == 1.0 and "ratio" not in parameters(law):
-            yield cls()
+    def extends(cls, law: FrictionLaw) -> bool:
+        """Laws with a limit."""
+        return isinstance(law, ASYMMETRIC) and law.ratio == 1.0 and "ratio" not in parameters(law)
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
         """Forward over backward."""
-        return (Unknown("ratio", "1", LAW + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8, 2.0, 0.5)),)
+        return (Unknown("ratio", "1", there.key + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8, 2.0, 0.5)),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Make the law asymmetric."""
-        return _with_law(rig, _remade(asymmetric, rig.contact.law, values))
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The law, asymmetric."""
+        return _remade(asymmetric, there.law, values)
 
 
 @dataclass(frozen=True)
-class BristleMemory(Cause):
+class BristleMemory(OtherFriction):
     """Damping of the bristles of Dahl's law, as in LuGre."""
 
     name: ClassVar[str] = "bristle-memory"
@@ -178,18 +222,18 @@ class BristleMemory(Cause):
     )
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["BristleMemory"]:
-        """Offer it for Dahl's law."""
-        if type(rig.contact.law) is Dahl:
-            yield cls()
+    def extends(cls, law: FrictionLaw) -> bool:
+        """Dahl's."""
+        return type(law) is Dahl
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
         """Damping of the bristles."""
-        return (Unknown("sigma1", "N s/m", LAW + "bristle_damping", 0.0, 1e7, 0.0, (0.0, 10.0, 300.0, 1e4)),)
+        c, key = there.damper, there.key + "bristle_damping"
+        return (Unknown("sigma1", "N s/m", key, 0.0, 1e5 * c, 0.0, (0.0, c / 10, 3 * c, 100 * c)),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Damp the bristles."""
-        return _with_law(rig, DampedDahl(**parameters(rig.contact.law), bristle_damping=values["sigma1"]))
+    def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
+        """The law with damped bristles."""
+        return DampedDahl(**parameters(there.law), bristle_damping=values["sigma1"])
 
 
 @dataclass(frozen=True)
@@ -219,14 +263,9 @@ class VariableNormalLoad(Cause):
         return rig.with_number("contact.load_variation", values["scale"])
 
 
-def _jenkins(rig: Rig) -> Jenkins:
-    law = rig.contact.law
-    assert isinstance(law, Jenkins)
-    return law
-
-
-def _with_law(rig: Rig, law: FrictionLaw) -> Rig:
-    return replace(rig, contact=replace(rig.contact, law=law))
+def _jenkins(there: Rubbing) -> Jenkins:
+    assert isinstance(there.law, Jenkins)
+    return there.law
 
 
 def _remade(maker: Any, law: FrictionLaw, values: Mapping[str, float]) -> FrictionLaw:

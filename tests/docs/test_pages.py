@@ -173,7 +173,7 @@ def test_bounds_of_joints_that_may_be_missing_are_those_of_the_fits() -> None:
         cause = next(iter(kind.candidates(rig)), None)
         for unknown in () if cause is None else cause.unknowns(rig):
             span, _, size = said[kind.name, unknown.name].partition(" times ")
-            A, omega = reach(rig, cause)
+            A, omega = reach(rig, cause.at, cause.to)
             code = re.sub("[²³⁵]", lambda power: f"**{'⁰¹²³⁴⁵'.index(power[0])}", size).replace(" ", "*")
             unit = eval(code or "1", {"F": rig.excitation.amplitude, "A": A, "ω": omega})
             lower, upper = (float(end) * unit for end in span.split(" to "))

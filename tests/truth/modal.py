@@ -70,6 +70,29 @@ def jenkins(k: float, limit: float) -> Hidden:
     return force
 
 
+def parts(k: float, limit: float, spread: float, elements: int = 10) -> Hidden:
+    """So many springs side by side that slide one after the other, limits evenly spread about their mean."""
+    middle = 1.0 + spread * (2.0 * np.arange(elements) + 1.0 - elements) / elements
+    limits, one = (limit / elements * middle)[:, None], k / elements
+
+    def force(u: Array, v: Array, z: Array) -> tuple[Array, Array]:
+        f = np.minimum(np.maximum(one * (z - u), -limits), limits)
+        return f.sum(axis=0), u + f / one
+
+    return force
+
+
+def falling(k: float, static: float, limit: float, speed: float) -> Hidden:
+    """A spring that slides at a limit which falls from that at rest over a speed."""
+
+    def force(u: Array, v: Array, z: Array) -> tuple[Array, Array]:
+        most = limit + (static - limit) * np.exp(-((v / speed) ** 2))
+        f = np.minimum(np.maximum(k * (z - u), -most), most)
+        return f, u + f / k
+
+    return force
+
+
 def slack(k: float, limit: float, play: float) -> Hidden:
     """A spring that slides at a limit, behind a play; its memory is where the middle of the play is."""
 
