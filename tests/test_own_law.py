@@ -15,6 +15,7 @@ from continuation import ConvergenceError
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import simulate
 from hbm.integration.integrate import steady_state as shoot
 from hbm.parallel import Helped
 from hbm.response.loop import friction_loop
@@ -134,6 +135,24 @@ def test_harmonic_balance_agrees_with_time_integration(hz: float) -> None:
         ours = np.concatenate([a[1:6], a[H + 1 : H + 6]])
         difference = np.abs(ours - motion.history.coefficients(name, 5)[1:]).max()
         assert difference < 1e-4 * np.abs(values - values.mean()).max(), name
+
+
+@pytest.mark.parametrize(("hz", "level"), [(88.0, 0.1), (76.0, 1.0), (76.0, 10.0)])
+def test_a_mean_that_motion_decides_is_found_from_the_linear_motion(hz: float, level: float) -> None:
+    """R swings with the motion u, and so the integral of v / R over a period is none: z drifts until |z|^2 holds it.
+
+    Its mean is that of the root of the motion, which no slope at rest tells. Marched from rest it is the same.
+    """
+    paper = load_rig(RIG, allow_code=True)
+    body = replace(paper.body, length=0.45, width=0.03, thickness=0.004)
+    damping, force = Damping(mass_proportional=6.0), replace(paper.excitation, position=0.225)
+    contact = replace(paper.contact, normal_load=60.0)
+    rig = replace(paper, body=body, damping=damping, contact=contact, excitation=force, channels=())
+    found = steady_state(rig, hz, level=level, samples=256)["friction"]
+    marched = simulate(rig, hz, level=level, duration=200 / hz, steps_per_period=256, last_periods=1)
+    mean, cosine, sine = marched.coefficients("friction", 1)
+    assert found.coefficients[0] == pytest.approx(mean, rel=2e-3)
+    assert found.amplitude[1] == pytest.approx(np.hypot(cosine, sine), rel=2e-3)
 
 
 def test_frf_of_the_example(tmp_path: Path) -> None:

@@ -22,6 +22,9 @@ FEW = (3, 5, 7, 9)
 Late = Callable[[object], bool]
 """Whether the time is over; asked with each point of a ramp."""
 
+Begin = Callable[[AnyBalance, float], Array]
+"""Where Newton's method begins at a value of the parameter."""
+
 Way = Callable[[AnyBalance, float, Late], Array | None]
 """From nothing to a solution at a value of the parameter, or to none."""
 
@@ -31,7 +34,7 @@ def first_solution(problem: AnyBalance, lam: float, seconds: float = math.inf) -
 
     Newton from rest; from fewer samples, where there are more than usual; from one harmonic upwards; along ramps of the
     force with few harmonics, and with all; along the frequency from far off, where the contact sticks; from where a
-    rig with joints settles in time.
+    rig with joints settles in time; from the linear motion about rest, and along a ramp that begins with it.
 
     Parameters
     ----------
@@ -51,7 +54,9 @@ def first_solution(problem: AnyBalance, lam: float, seconds: float = math.inf) -
 
 def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
     few = (partial(_by_force, H=H) for H in FEW if H < problem.basis.H)
-    ways: tuple[Way, ...] = (_from_rest, _by_samples, _by_harmonics, *few, _by_force, _from_afar, _by_time)
+    fewest = min(FEW[0], problem.basis.H)
+    linear: tuple[Way, ...] = (partial(_directly, begin=_linear), partial(_by_force, H=fewest, begin=_linear))
+    ways: tuple[Way, ...] = (_directly, _by_samples, _by_harmonics, *few, _by_force, _from_afar, _by_time, *linear)
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     for way in ways:
         x = way(problem, lam, late)
@@ -64,13 +69,32 @@ def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
     if silent := without_force(problem, lam):
         raise ConvergenceError(f"first solution: none at {where}: {silent}: force not finite; must be for every motion")
     raise ConvergenceError(
-        f"first solution: none at {where}, neither from rest, nor with few harmonics first, nor along a force ramp, "
-        "from a far frequency or from a march in time; try more samples, another frequency or softer contacts"
+        f"first solution: none at {where}, neither from rest or linear motion, nor with few harmonics first, along a "
+        "force ramp, from a far frequency or a march in time; try more samples, another frequency or softer contacts"
     )
 
 
-def _from_rest(problem: AnyBalance, lam: float, late: Late) -> Array | None:
-    result = solve_lifting(problem, problem.unpack(np.zeros(problem.size), lam), lam, newton_settings())
+def _rest(problem: AnyBalance, lam: float) -> Array:
+    return np.zeros(problem.size)
+
+
+@np.errstate(all="ignore")  # a law may have no numbers there
+def _linear(problem: AnyBalance, lam: float) -> Array:
+    """Motion with the slopes of the laws at rest, which is Newton's step from there, whole.
+
+    Where a motion decides the mean of a law's memory and rest leaves it as it is, the mean follows no slope at rest:
+    it may grow like the root of the motion. Then no part of the step lowers the residual, but from its end all do.
+    """
+    rest = _rest(problem, lam)
+    there = problem.linearize(rest, lam)
+    try:
+        return there.solve_bordered(np.zeros(problem.size), 1.0, -there.residual, 0.0)[0]
+    except np.linalg.LinAlgError:
+        return rest
+
+
+def _directly(problem: AnyBalance, lam: float, late: Late, begin: Begin = _rest) -> Array | None:
+    result = solve_lifting(problem, problem.unpack(begin(problem, lam), lam), lam, newton_settings())
     return result.x if result.converged else None
 
 
@@ -87,12 +111,12 @@ def _by_samples(problem: AnyBalance, lam: float, late: Late) -> Array | None:
     return result.x if result.converged else None
 
 
-def _by_force(problem: AnyBalance, lam: float, late: Late, H: int | None = None) -> Array | None:
+def _by_force(problem: AnyBalance, lam: float, late: Late, H: int | None = None, begin: Begin = _rest) -> Array | None:
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
     basis = problem.basis if H is None else FourierBasis(H, problem.basis.N_t)
     ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
     settings = ramp_settings(ramp, 1e-3, 1.0, 0.02)
-    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings, late)
+    branch = continue_branch(ramp, begin(ramp, 1e-3), 1e-3, settings, late)
     return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
 
@@ -100,7 +124,7 @@ def _from_afar(problem: AnyBalance, lam: float, late: Late) -> Array | None:
     sweep = balance_of(problem.rig, problem.basis, level=problem.at(lam)[1])
     end = sweep.lam_at(problem.hz_at(lam))
     for far in (0.7 * end, 1.4 * end):
-        x = _from_rest(sweep, far, late)
+        x = _directly(sweep, far, late)
         if x is not None:
             settings = ramp_settings(sweep, far, end, abs(end - far) / 20)
             branch = continue_branch(sweep, x, far, settings, late)
