@@ -2,16 +2,18 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from models.bodies.laden import Laden, LumpedMass, laden
 from models.bodies.ported import Body, PlaceError, PortedModes
 from models.bounds import several
 from models.jointednumbers import modes_change, scalars, with_scalars
+from models.jointedstructure import JointedStructure
 from models.joints.joint import Joint, is_sum, terms
 from models.joints.law import numbers
 from models.joints.rubbing import Friction
@@ -26,74 +28,6 @@ ROTATION = re.compile(r"^slope\(|\.r[xyz]$")
 
 STILL = "where nothing moves; must be where a mode moves, or where there is flexibility"
 """What is wrong with a place."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointedStructure:
-    """A body in modes as its joints, its excitation and its channels see it.
-
-    ``q'' + damping q' + omega_n^2 q = joints' f + excitation F``, and the motion at the joints is
-    ``joints q + flexibility f + flexibility_to_force F``.
-
-    Attributes
-    ----------
-    omega_n : (n,) array
-        Natural frequencies without the joints [rad/s].
-    damping : (n, n) array
-        [1/s]
-    joints : (m, n) array
-        Relative displacement at each port of each joint, in turn, per mode.
-    flexibility : (m, m) array
-        The same per force at each, beyond the modes [m/N].
-    excitation : (n,) array
-        Drive displacement per mode.
-    flexibility_to_force : (m,) array
-        Motion at the joints per excitation force beyond the modes, and by reciprocity of the drive per joint force.
-    drive_by_force : float
-        Drive displacement per excitation force beyond the modes.
-    channels : (c, n) array
-        Displacement at each response channel per mode.
-    channels_by_joints : (c, m) array
-    channels_by_force : (c,) array
-        The same per force at the joints and at the drive, beyond the modes.
-    loads_inertia, loads_damping : (j, n) array
-        What the reaction that loads each joint differs by from that at rest, per modal acceleration and velocity; zero
-        where a joint has no reaction to load it.
-    loads_by_joints : (j, m) array
-    loads_by_force : (j,) array
-        The same per force at the joints and at the drive.
-    """
-
-    omega_n: Array
-    damping: Array
-    joints: Array
-    flexibility: Array
-    excitation: Array
-    flexibility_to_force: Array
-    drive_by_force: float
-    channels: Array
-    channels_by_joints: Array
-    channels_by_force: Array
-    loads_inertia: Array
-    loads_damping: Array
-    loads_by_joints: Array
-    loads_by_force: Array
-
-    @property
-    def n(self) -> int:
-        """Number of modes."""
-        return len(self.omega_n)
-
-    def stacked(self, changes: "Sequence[JointedStructure]") -> "JointedStructure":
-        """Changes of this structure in one, along a last axis."""
-        found: dict[str, Any] = {f.name: np.zeros((*np.shape(getattr(self, f.name)), 0)) for f in fields(self)}
-        if changes:
-            found = {name: np.stack([getattr(c, name) for c in changes], axis=-1) for name in found}
-        return JointedStructure(**found)
-
-    def damps(self, shape: Array) -> float:
-        """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""
-        return float(shape @ self.damping @ shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +53,8 @@ class JointedRig(Numbered):
         What changes from record to record; minded by the diagnosis alone, as is the next.
     tolerances : mapping of str to float
         What some of its numbers may be off by, by their keys: standard deviations, relative, but of numbers that are 0.
+    masses : tuple of LumpedMass
+        What the body carries; its modes and its damping are those without.
     """
 
     limits: ClassVar[tuple[str, str]] = ("joined", "free")
@@ -137,6 +73,7 @@ class JointedRig(Numbered):
     channels: tuple[Channel, ...] = field(default=())
     drift: tuple[Drift, ...] = field(default=())
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    masses: tuple[LumpedMass, ...] = field(default=())
 
     def __post_init__(self) -> None:
         """Refuse names that are given twice or taken, and places that are none."""
@@ -146,6 +83,8 @@ class JointedRig(Numbered):
         if twice is not None:
             raise ValueError(f'{self.name}: joint "{twice}" is there twice; names must differ')
         check_names(self.name, self.channels, self.computed)
+        several(f"{self.name}: masses", self.masses, LumpedMass)
+        self._refuse_turning()
         try:
             self.ported  # noqa: B018  # a place that is none is refused here
         except PlaceError as refused:
@@ -156,6 +95,13 @@ class JointedRig(Numbered):
             raise ValueError(f"{self.name}: damping and a damping matrix of its body; must have one of them")
         self._refuse_still()
         warn_of(self.quantities, self.proportions)
+
+    def _refuse_turning(self) -> None:
+        """Refuse masses at what is no translation of a point."""
+        for i, lump in enumerate(self.masses, 1):
+            if is_sum(lump.at) or ROTATION.search(lump.at):
+                accepted = "must be one place, a translation: a lumped mass has no inertia against rotation"
+                raise ValueError(f'{self.name}: masses[{i}].at = "{lump.at}"; {accepted}')
 
     @property
     def _sum_of_places(self) -> str:
@@ -178,6 +124,7 @@ class JointedRig(Numbered):
             position = f"position = {what.position!r}" if what.position else "at is missing"
             at = f'at = "{what.at}"' if what.at else position
             asking.append((f"{key}.{at}", place_of(what), [place_of(what)]))
+        asking += [(f'masses[{i}].at = "{lump.at}"', lump.at, [lump.at]) for i, lump in enumerate(self.masses, 1)]
         for said, end, places in asking:
             if refused.place in places:
                 part = "" if end == refused.place else f' has "{refused.place}"'
@@ -193,6 +140,10 @@ class JointedRig(Numbered):
         for j, (_, ports) in zip(self.joints, self.pressed, strict=True):
             if not moves[ports].any():
                 raise ValueError(f"{self.name}: joint {j.name} at {j.where}, {STILL}")
+        for i, lump in enumerate(self.masses, 1):
+            at = self.places.index(lump.at)
+            if not (self.ported.rows[at].any() or self.ported.flexibility[at].any()):
+                raise ValueError(f"{self.name}: masses[{i}] at {lump.at}, {STILL}")
 
     @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
@@ -210,7 +161,7 @@ class JointedRig(Numbered):
 
     def __str__(self) -> str:
         """In words."""
-        lines = [f"{self.name}: {self.body}", *map(str, self.joints)]
+        lines = [f"{self.name}: {self.body}", *map(str, self.masses), *map(str, self.joints)]
         lines.append(f"excitation: {self.excitation.amplitude:g} N at {place_of(self.excitation)}")
         if self.channels:
             lines.append("channels: " + ", ".join(f"{c.name} ({c.quantity})" for c in self.channels))
@@ -257,13 +208,22 @@ class JointedRig(Numbered):
     @property
     def places(self) -> tuple[str, ...]:
         """Places of the body that anything touches, each once."""
-        return places_of(self.joints, self.excitation, self.response_channels)
+        return places_of(self.joints, self.excitation, self.response_channels, self.masses)
+
+    def laden_at(self, places: Sequence[str], supports: Sequence[str] = ()) -> Laden:
+        """The body with its masses in modes, with some places and supports."""
+        return laden(self.body, self.masses, places, self.damping, supports)
 
     @cached_property
-    def ported(self) -> PortedModes:
-        """The body in modes with these places."""
+    def laden(self) -> Laden:
+        """The same with the places that anything touches, and the supports that load joints."""
         supports = dict.fromkeys(j.loaded_by for j in self.joints if j.loaded_by)
-        return self.body.ported(self.places, self.damping, tuple(supports))
+        return self.laden_at(self.places, tuple(supports))
+
+    @property
+    def ported(self) -> PortedModes:
+        """The same as what joints see."""
+        return self.laden.modes
 
     @cached_property
     def structure(self) -> JointedStructure:
@@ -275,7 +235,7 @@ class JointedRig(Numbered):
         known = self._changes
         if keys not in known:
             of_body = self.body.numbers
-            moving = [i for i, key in enumerate(keys) if key in of_body or key.startswith("damping.")]
+            moving = [i for i, key in enumerate(keys) if key in of_body or key.startswith(("damping.", "masses["))]
             known[keys] = moving, self.structure.stacked([self._seen(modes_change(self, keys[i])) for i in moving])
         return known[keys]
 
@@ -326,7 +286,7 @@ class JointedRig(Numbered):
 
     def with_modes(self, modes: int) -> "JointedRig":
         """Return the same rig on another number of modes, or on as many as its body has."""
-        body = self.body.with_modes(modes, self.places)
+        body = self.body.with_modes(modes, self.laden.bare.places)
         return replace(self, body=body, damping=self.damping.on_modes(body.modes))
 
     def with_joint(self, name: str, law: Any) -> "JointedRig":
@@ -384,10 +344,13 @@ class JointedRig(Numbered):
         return self._named("force")
 
 
-def places_of(joints: Iterable[Joint], excitation: Excitation, channels: Iterable[Channel]) -> tuple[str, ...]:
-    """Places that joints, a force and channels of motion touch, each once."""
+def places_of(
+    joints: Iterable[Joint], excitation: Excitation, channels: Iterable[Channel], masses: Iterable[LumpedMass] = ()
+) -> tuple[str, ...]:
+    """Places that joints, a force, channels of motion and masses touch, each once."""
     ends = [place for j in joints for pair in j.ends for end in pair for _, place in terms(end)]
-    return tuple(dict.fromkeys([*ends, place_of(excitation), *map(place_of, channels)]))
+    at = [*ends, place_of(excitation), *map(place_of, channels), *(lump.at for lump in masses)]
+    return tuple(dict.fromkeys(at))
 
 
 def place_of(what: Channel | Excitation) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 FORCE, ALPHA = "excitation.amplitude", "damping.mass_proportional"
 RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
+MASS = re.compile(r"masses\[(\d+)\]\.mass")
 GAINS = "excitation.force_gain["
 """Beginning of the keys of forces per unit of what stands for them, by level."""
 
@@ -38,6 +39,8 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     gain = Parameter("1", "force per unit of what was measured in its place, at a level", "")
     found |= {f"{GAINS}{i}]": (value, gain) for i, (_, value) in enumerate(rig.excitation.force_gain, 1)}
     found |= rig.body.numbers
+    lumped = Parameter("kg", "lumped mass", "", strict=False)
+    found |= {f"masses[{i}].mass": (lump.mass, lumped) for i, lump in enumerate(rig.masses, 1)}
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)
     return found | rig.of_measuring
@@ -79,6 +82,9 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
         joints=tuple(_joint(j, values) for j in rig.joints),
         excitation=_excitation(rig.excitation, values),
         channels=tuple(_channel(c, values) for c in rig.channels),
+        masses=tuple(
+            replace(lump, mass=values.get(f"masses[{i}].mass", lump.mass)) for i, lump in enumerate(rig.masses, 1)
+        ),
         drift=tuple(replace(d, rate=values.get(f"drift[{i}].rate", d.rate)) for i, d in enumerate(rig.drift)),
     )
 
@@ -111,7 +117,15 @@ def _channel(c: Channel, values: Mapping[str, float]) -> Channel:
 
 def modes_change(rig: "JointedRig", key: str) -> PortedModes:
     """Exact derivatives of the modes and rows of a rig's body to one of its numbers, zero to those it does not hold."""
-    p = rig.ported
+    inertia = np.zeros(len(rig.laden.inertia))
+    if (of_mass := MASS.fullmatch(key)) is not None:
+        inertia[[lump == int(of_mass[1]) - 1 for lump in rig.laden.lumps]] = 1.0
+    return rig.laden.change(_bare_change(rig, key), inertia, float(key == ALPHA))
+
+
+def _bare_change(rig: "JointedRig", key: str) -> PortedModes:
+    """The same without its masses."""
+    p = rig.laden.bare
     if key in rig.body.numbers:
         return rig.body.change(key, p, rig.damping)
     none = p.nothing

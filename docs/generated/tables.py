@@ -42,6 +42,7 @@ SCHEMAS: dict[str, type[schema.Table]] = {
     "excitation with joints": joints.PlacedExcitationTable,
     "channels": schema.BeamChannelTable,
     "channels with joints": joints.PlacedChannelTable,
+    "masses": joints.MassTable,
     "joints": joints.joint_table(LAWS["coulomb-penalty"]),
 }
 """Tables of a rig file; the last without the parameters of its law."""

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from hbm.aft.joint import JointOverPeriod
 from hbm.balance.scaled import Scaled, State
 from hbm.fourier import Array
-from models.jointed import JointedRig, JointedStructure
+from models.jointed import JointedRig
+from models.jointedstructure import JointedStructure
 
 Complex = npt.NDArray[np.complex128]
 

@@ -216,8 +216,11 @@ class _Place:
             law.forces_of_samples(way * shown, r.fundamental)[0][:, 0].copy()
             for r, (_, shown) in zip(self.records, self._moved, strict=True)
         ]
-        held = cause.held(values) * way * np.column_stack([u for u, _ in self._moved])
-        forces = self.basis.complex(self.basis.coefficients(np.column_stack(samples)) + held).T
+        motion = np.column_stack([u for u, _ in self._moved])
+        speeds = np.array([r.fundamental for r in self.records])
+        accelerated = self.basis.derivative(self.basis.derivative(motion)) * speeds**2
+        beside = way * (cause.held(values) * motion - cause.inertia(values) * accelerated)
+        forces = self.basis.complex(self.basis.coefficients(np.column_stack(samples)) + beside).T
         of_record = zip(self.records, forces, strict=True)
         return way * np.concatenate([r.read(self.i, force[1:]) for r, force in of_record])
 

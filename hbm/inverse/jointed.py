@@ -20,7 +20,8 @@ from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consis
 from hbm.inverse.jointsensors import joint_sensors
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
-from models.jointed import JointedRig, JointedStructure
+from models.jointed import JointedRig
+from models.jointedstructure import JointedStructure
 from models.parts import Channel
 
 Complex = npt.NDArray[np.complex128]

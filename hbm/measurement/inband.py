@@ -9,7 +9,8 @@ from hbm.channels import DERIVATIVES
 from hbm.fourier import MANY, Array
 from hbm.measurement.responses import Complex
 from hbm.measurement.spectra import MeasuredSpectra
-from models.jointed import AnyRig, JointedStructure
+from models.jointed import AnyRig
+from models.jointedstructure import JointedStructure
 from models.parts import Channel
 from models.plausible import PlausibilityWarning
 

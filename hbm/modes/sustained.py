@@ -15,7 +15,8 @@ from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.problem import HarmonicBalance, Linearization
 from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
-from models.jointed import AnyRig, JointedRig, JointedStructure
+from models.jointed import AnyRig, JointedRig
+from models.jointedstructure import JointedStructure
 
 
 class Motion(Protocol):

@@ -20,7 +20,8 @@ from hbm.response.assessment import Assessment, NumericalError, Probe
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
-from models.jointed import AnyRig, JointedRig, JointedStructure
+from models.jointed import AnyRig, JointedRig
+from models.jointedstructure import JointedStructure
 from models.rig import Rig
 
 TOLERANCE = 5e-3

@@ -33,6 +33,7 @@ from hbm.rigfiles.schema import (
 )
 from models import LAWS, Beam, Channel, Excitation
 from models.bodies.finite import End, FiniteBeam
+from models.bodies.laden import LumpedMass
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
 from models.jointed import AnyRig, JointedRig, places_of
@@ -121,6 +122,13 @@ class PlacedChannelTable(Table):
     repeatability: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
 
+class MassTable(Table):
+    """An entry of ``[[masses]]`` of a rig with joints, the arguments of :class:`models.bodies.laden.LumpedMass`."""
+
+    at: Place
+    mass: Annotated[NonNegative, possible("kg")]
+
+
 class JointedRigTable(Table):
     """A rig file with ``[[joints]]``."""
 
@@ -130,6 +138,7 @@ class JointedRigTable(Table):
     matrix: MatrixTable | None = None
     damping: DampingTable = DampingTable()
     joints: list[dict[str, Any]] = Field(default_factory=list)
+    masses: list[MassTable] = Field(default_factory=list)
     excitation: PlacedExcitationTable
     channels: list[PlacedChannelTable] = Field(default_factory=list, max_length=MOST_CHANNELS)
     extensions: list[dict[str, Any]] = Field(default_factory=list)
@@ -198,9 +207,10 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
         joints = tuple(_joint(entry, folder, consent) for entry in file.joints)
         force = Excitation(**_placed(file.excitation, "force_gain"), force_gain=_pairs(file.excitation.force_gain))
         channels = tuple(Channel(**_placed(channel)) for channel in file.channels)
-        places = places_of(joints, force, [c for c in channels if c.quantity != "force"])
+        masses = tuple(LumpedMass(**lump.model_dump()) for lump in file.masses)
+        places = places_of(joints, force, [c for c in channels if c.quantity != "force"], masses)
         body = _body(file, folder, places)
-        rig = JointedRig(visible(file.name), body, damping_of(file.damping), joints, force, channels)
+        rig = JointedRig(visible(file.name), body, damping_of(file.damping), joints, force, channels, masses=masses)
         if file.modal is not None and file.modal.tolerances is not None:
             rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
         return with_extensions(rig, file.extensions, folder, consent)

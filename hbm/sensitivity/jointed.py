@@ -29,7 +29,8 @@ from hbm.sensitivity.channels import (
     smooth_peak,
 )
 from models.change import tone_scalars
-from models.jointed import JointedRig, JointedStructure
+from models.jointed import JointedRig
+from models.jointedstructure import JointedStructure
 from models.joints.law import numbers
 from models.scalars import FORCE, HZ, solution_numbers
 

@@ -34,6 +34,8 @@ PLACE = re.compile(r"(y|slope|axial)\(([0-9.eE+-]+)\)")
 MOTIONS = ("axial", "y", "slope")
 """Displacements of a node, in their order: along the beam, across it, rotation."""
 
+TRANSLATIONS = ("axial", "y")
+
 
 @dataclass(frozen=True)
 class FiniteBeam(Elastic):
@@ -100,6 +102,17 @@ class FiniteBeam(Elastic):
 
     def _stiffened(self, value: float) -> "FiniteBeam":
         return replace(self, beam=replace(self.beam, youngs_modulus=value))
+
+    def translations(self, place: str) -> tuple[str, ...]:
+        """Return deflection and axial motion where a place is, as far as it is not held."""
+        match = PLACE.fullmatch(place)
+        if match is None or match[1] not in TRANSLATIONS:
+            return (place,)
+        at, length = self._place(place)[1], self.beam.length
+        ends = ((0.0, self.root), (length, self.tip))
+        held = [name for x, end in ends if abs(at - x) <= SAME * length for name in self._fixed(x, end, root=x == 0.0)]
+        free = [motion for motion in TRANSLATIONS if f"{motion}@" not in "".join(held)]
+        return tuple(f"{motion}({match[2]})" for motion in free) or (place,)
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":
         """Return the same beam with another number of modes."""

@@ -23,7 +23,7 @@ from models.bodies.matrixchecks import (
     square,
 )
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
-from models.bodies.ported import Elastic, PlaceError, PortedModes, meant
+from models.bodies.ported import Elastic, PlaceError, PortedModes, meant, same_point
 from models.bounds import bounded, whole
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -162,6 +162,10 @@ class MatrixBody(Elastic):
         other = object.__new__(MatrixBody)
         other.__dict__.update(self.__dict__, stiffness_factor=value)  # checks of the matrices are not repeated, either
         return other
+
+    def translations(self, place: str) -> tuple[str, ...]:
+        """Return the degrees of freedom that are free translations of the point of one of them."""
+        return same_point(place, self._numbers.keys() - set(self.fixed))
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "MatrixBody":
         """Return the same body with another number of modes, or with as many as its mass has."""

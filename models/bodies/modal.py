@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from models.bodies.ported import PlaceError, PortedModes, meant
+from models.bodies.ported import PlaceError, PortedModes, meant, same_point
 from models.bounds import bounded
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -159,6 +159,10 @@ class ModalModel:
         dampers = damping.dampers(here.omega_n, np.arange(1, self.modes + 1))
         D = np.diag((dampers.slope + dampers.strain_rate) * 2 * here.omega_n * faster)
         return replace(none, omega_n=faster, damping=D, reaction_damping=here.reaction_inertia @ D)
+
+    def translations(self, place: str) -> tuple[str, ...]:
+        """Return the ports that are translations of the point of one of them."""
+        return same_point(place, self.ports)
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "ModalModel":
         """Return it without the modes beyond so many; it has no others to add.

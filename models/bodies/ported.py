@@ -72,6 +72,21 @@ class PortedModes:
         return np.asarray(self.rows @ np.linalg.solve(dynamic, self.rows.T) + self.flexibility)
 
 
+DIRECTIONS = re.compile(r"(.+\.u?)[xyz]")
+"""A translation by its name, ``12.y`` or ``12.uy``: those along the other axes are of the same point."""
+
+
+def same_point(place: str, known: Collection[str]) -> tuple[str, ...]:
+    """Translations of the point of a place, as far as names say.
+
+    >>> same_point("12.y", ("12.x", "12.y", "12.rx", "7.x")), same_point("tip", ("tip",))
+    (('12.x', '12.y'), ('tip',))
+    """
+    match = DIRECTIONS.fullmatch(place)
+    named = [f"{match[1]}{axis}" for axis in "xyz"] if match else []
+    return tuple(name for name in named if name in known) or (place,)
+
+
 SIGNS = re.compile(r"\s*[+-]\s*")
 """What a sum of places has between them."""
 
@@ -142,6 +157,10 @@ class Body(Protocol):
 
     def change(self, key: str, here: PortedModes, damping: "Damping") -> PortedModes:
         """Return the exact derivatives of its modes and rows `here` to one of these."""
+        ...
+
+    def translations(self, place: str) -> tuple[str, ...]:
+        """Return the places that are translations of the point of one of them and can move; itself where none is."""
         ...
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "Body":

@@ -121,14 +121,23 @@ class AddedJoint(Cause):
         """Stiffness of the joint that the modes hold already, having been identified with it at rest [N/m]."""
         return 0.0
 
+    @staticmethod
+    def inertia(values: Mapping[str, float]) -> float:
+        """Mass that moves with the place [kg]."""
+        return 0.0
+
     def unknowns(self, rig: JointedRig) -> tuple[Unknown, ...]:
         """Numbers of the law, of the size that the linear rig's motion at its resonances gives them."""
         motion, omega = reach(rig, self.at, self.to)
         unit = [n.of(rig.excitation.amplitude, motion, omega) for n in self.numbers]
         return tuple(self._unknown(rig, n, size) for n, size in zip(self.numbers, unit, strict=True))
 
+    def key(self, rig: JointedRig, number: Number) -> str:
+        """Key of one of its numbers in the extended rig."""
+        return f"joints.{self._joint(rig)}.{number.key}"
+
     def _unknown(self, rig: JointedRig, n: Number, size: float) -> Unknown:
-        key = f"joints.{self._joint(rig)}.{n.key}"
+        key = self.key(rig, n)
         if n.shapes:
             lower = -WIDEST * size if n.signed else size / WIDEST
             return Unknown(n.name, n.unit, key, lower, WIDEST * size, nan, tuple(s * size for s in n.shapes))
@@ -160,12 +169,15 @@ def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
 
     Places that move alike are one. Only what moves the same way is joined.
     """
-    rows, places = _rows(rig), list[str]()
-    for place, row in rows.items():
-        if row.any() and not any(_alike(row, rows[other]) for other in places):
-            places.append(place)
+    places = _apart(rig)
     pairs = [pair for pair in combinations(places, 2) if _direction(pair[0]) == _direction(pair[1])]
     return [(place, "") for place in places] + pairs
+
+
+def moving_most(rig: JointedRig) -> list[str]:
+    """The same places by themselves, the one that moves most first."""
+    rows = _rows(rig)
+    return sorted(_apart(rig), key=lambda place: -float(np.linalg.norm(rows[place])))
 
 
 def turned(ends: tuple[str, str]) -> tuple[str, str]:
@@ -182,7 +194,16 @@ def turned(ends: tuple[str, str]) -> tuple[str, str]:
 def _rows(rig: JointedRig) -> dict[str, Array]:
     """Displacement per mode at each place that a rig names."""
     named = tuple(dict.fromkeys([*rig.places, *getattr(rig.body, "ports", ())]))
-    return dict(zip(named, rig.body.ported(named, rig.damping).rows, strict=True))
+    return dict(zip(named, rig.laden_at(named).modes.rows, strict=True))
+
+
+def _apart(rig: JointedRig) -> list[str]:
+    """Places that a rig names and that move, each of those that move alike once."""
+    rows, places = _rows(rig), list[str]()
+    for place, row in rows.items():
+        if row.any() and not any(_alike(row, rows[other]) for other in places):
+            places.append(place)
+    return places
 
 
 def _direction(place: str) -> str:

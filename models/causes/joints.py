@@ -1,10 +1,14 @@
 """The catalogue of joints that may not have been modelled, each a law and its numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from math import pi
+from typing import Self
 
-from models.causes.addedjoint import AddedJoint, Number
+from models.bodies.laden import LumpedMass
+from models.causes.addedjoint import AddedJoint, Number, moving_most
 from models.friction import Dahl, Iwan, Jenkins, LuGre
+from models.jointed import ROTATION, JointedRig
 from models.joints import (
     Backlash,
     Clearance,
@@ -28,10 +32,49 @@ class LocalSpring(AddedJoint):
     name = "local-spring"
     meaning = "a linear spring acts between two places, or a place and the ground"
     looks_like = "linear, in phase; shifts the frequencies of modes unequally, alike at all levels"
-    confused_with = "parameter:modal.frequencies_hz[i]"
+    confused_with = "parameter:modal.frequencies_hz[i]; below 0: local-mass"
     check = "look for what touches the structure there, free it and repeat the records missed most"
     numbers = (Number("stiffness", "N/m", "linear", (1, -1, 0), signed=True),)
     made = PolynomialSpring
+
+
+class LocalMass(AddedJoint):
+    """A lumped mass on the body, rather than a law: its force is that of its inertia."""
+
+    name = "local-mass"
+    meaning = "a lumped mass sits on the structure"
+    looks_like = "linear, in phase, growing with the square of the frequency; lowers the frequencies of modes unequally"
+    confused_with = "local-spring below 0, parameter:modal.frequencies_hz[i]"
+    check = "weigh what is mounted there, or add a known mass at that place and repeat the records missed most"
+    numbers = (Number("mass", "kg", "mass", (1, -1, -2)),)
+
+    @classmethod
+    def candidates(cls, rig: JointedRig) -> Iterator[Self]:
+        """Offer it at every point with no mass yet, by that of its translations which moves most."""
+        there = {place for lump in rig.masses for place in rig.body.translations(lump.at)}
+        points: dict[tuple[str, ...], str] = {}
+        for place in moving_most(rig):
+            if not ROTATION.search(place) and place not in there:
+                points.setdefault(rig.body.translations(place), place)
+        yield from (cls(place) for place in points.values())
+
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
+        """No force but that of its inertia."""
+        return PolynomialSpring()
+
+    @staticmethod
+    def inertia(values: Mapping[str, float]) -> float:
+        """Its mass."""
+        return values["mass"]
+
+    def key(self, rig: JointedRig, number: Number) -> str:
+        """Key of the next mass."""
+        return f"masses[{len(rig.masses) + 1}].{number.key}"
+
+    def extend(self, rig: JointedRig, values: Mapping[str, float]) -> JointedRig:
+        """Put the mass there."""
+        return replace(rig, masses=(*rig.masses, LumpedMass(self.at, values["mass"])))
 
 
 class LocalDamper(AddedJoint):
@@ -287,6 +330,7 @@ class LocalLuGre(AddedJoint):
 
 JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     LocalSpring,
+    LocalMass,
     LocalDamper,
     LocalHysteresis,
     QuadraticDamping,
@@ -303,4 +347,4 @@ JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     JointSlip,
     JointMicroslip,
 )
-"""Joints that may not have been modelled."""
+"""Joints, and masses, that may not have been modelled."""

@@ -119,5 +119,5 @@ def _of_joints(rig: JointedRig) -> Iterator[str]:
     touched = tuple(f"modal.ports.{place}[" for place in rig.places)
     of_body = (*STIFFNESSES, FREQUENCIES, *touched)
     for key, (value, _) in rig.numbers.items():
-        if value and key.startswith((*of_body, "damping.", "joints.", GAINS)):
+        if value and key.startswith((*of_body, "damping.", "joints.", "masses[", GAINS)):
             yield key

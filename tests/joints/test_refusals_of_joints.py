@@ -141,8 +141,8 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
         (
             "[excitation]",
             "[shaker]\n[excitation]",
-            "shaker is unknown; accepted keys are name, beam, modal, matrix, damping, joints, excitation, channels, "
-            "extensions",
+            "shaker is unknown; accepted keys are name, beam, modal, matrix, damping, joints, masses, excitation, "
+            "channels, extensions",
         ),
         (
             'quantity = "acceleration"\nat = "one"',
