@@ -38,6 +38,10 @@ STRONGER, TOGETHER = 0.7, 2
 """A second cause is looked for where the first leaves less than this share of chi2: of two, the stronger takes half.
 Where none was accepted alone, beside so many at most."""
 
+BARE = 2.0
+"""Difference of BIC not worth more than a bare mention (Kass and Raftery 1995): what tolerances do comes first, and
+causes that differ by no more are as likely."""
+
 SEVERAL, SEEN = 2, 20.0
 """Transients must be seen in so many records, each of which they make likelier by so much of chi2."""
 
@@ -207,6 +211,7 @@ def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) 
     """Share of repeated measurements in which the best of some models would be chosen again, if it were true.
 
     Every model is linear near its fit: noise drawn anew, each is refitted by projection and judged by its evidence.
+    Models whose evidence differs by no more than :data:`BARE` share a repetition between them.
     """
     rng = np.random.default_rng(len(best.white))
     noise = rng.standard_normal((len(best.white), draws))
@@ -216,7 +221,8 @@ def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) 
         r = np.vstack([shift[:, None] + noise, np.tile(-e.pulls[:, None], draws)])
         left = Span(np.vstack([e.white.jacobian, e.expected])).across(r)
         found.append(np.sum(left**2, axis=0) + evidence(e) - e.chi2)
-    return float(np.mean(np.argmin(found, axis=0) == 0))
+    chosen = found - np.min(found, axis=0) <= BARE
+    return float(np.mean(chosen[0] / chosen.sum(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.calibrate import blamed, calibrate, off, off_beside_sensors, profiled
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
+    BARE,
     DECISIVE,
     MOST_RANKED,
     PAYS,
@@ -52,9 +53,6 @@ CLOSEST, LAST = 1, 4
 
 AHEAD = 4
 """Causes that promise most over the calibrated rig file, and are tried over it as it is."""
-
-BARE = 2.0
-"""Difference of BIC not worth more than a bare mention (Kass and Raftery 1995): what tolerances do comes first."""
 
 ALIKE = 0.99
 """Cosine of the signatures of two numbers from which on one is tried where the other was found."""

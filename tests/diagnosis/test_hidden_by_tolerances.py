@@ -84,6 +84,13 @@ def test_many_small_errors_are_chosen_again_no_more_often_than_they_are_likely(e
     assert inclusion((calibrated,), clamp) > 0.99
 
 
+def test_causes_that_do_the_same_are_as_likely(elastic_clamp):
+    _, fits = elastic_clamp
+    clamp = fits["clamp-rotation"]
+    assert inclusion((replace(clamp),), clamp) == inclusion((replace(clamp), clamp), clamp) == 0.5
+    assert inclusion((replace(clamp), replace(clamp)), clamp) == pytest.approx(1 / 3)
+
+
 def test_a_clamp_that_never_slips_is_tried_as_the_elastic_one_that_it_contains(elastic_clamp):
     search, fits = elastic_clamp
     clamp = fits["clamp-rotation"]

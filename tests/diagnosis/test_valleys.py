@@ -11,12 +11,12 @@ import hbm.diagnosis.candidates
 import hbm.diagnosis.fullfits
 from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
-from hbm.diagnosis.decide import Decision
+from hbm.diagnosis.decide import BARE, Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.quickfits import CHANCE, SEEN, QuickFits, _apart, _limited
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
-from hbm.diagnosis.search import BARE, Search
+from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation, evaluate
