@@ -283,7 +283,7 @@ class Conclusion:
         """How much likelier the best cause is than none, each beside the background that it would leave."""
         assert self.best is not None
         best, search = self.best[0], self.search
-        base = search.calibrated if best.model.calibrated else search.nominal
+        base = search.first if search.replaces(best) else search.calibrated if best.model.calibrated else search.nominal
         rival = search.calibrated if base is search.nominal and search.tolerable(search.calibrated) else None
         return lead(best, base, rival, search.tried, self.campaign)
 
@@ -299,7 +299,7 @@ class Conclusion:
         return self.plain[self._extends(best)][0]
 
     def _within_too(self, best: Evaluation) -> bool:
-        """Whether numbers within their tolerances leave noise alone without the cause that is found beside them."""
+        """Whether numbers of the rig file leave noise alone without the cause that is found beside them."""
         return bool(best.model.calibrated) and misfit(self.search.calibrated, self.campaign).fits
 
     def _as_well(self, best: Evaluation, scored: Predicted | None) -> bool:
@@ -396,5 +396,5 @@ class Conclusion:
     @property
     def _evidence(self) -> Evidence:
         scored = None if self.best is None else self.best[1]
-        within = self.best is not None and self._within_too(self.best[0])
+        within = self.best is not None and self._within_too(self.best[0]) and self.search.calibrates
         return Evidence(self.search, self.decision, self.campaign, len(self.held), self.plain, scored, within)

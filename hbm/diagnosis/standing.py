@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from functools import cache
 
 from hbm.diagnosis.calibrate import calibrate, tolerable, trusted
-from hbm.diagnosis.decide import DECISIVE, Decision, accepted, best_of, one_of_each, suspicious
+from hbm.diagnosis.decide import DECISIVE, Decision, accepted, best_of, one_of_each, simpler, suspicious
 from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import disordered, drifts_beyond_rooms, drifts_within_levels
@@ -145,7 +145,7 @@ class Standing:
 
         It stands there then.
         """
-        if self._fits(self.calibrated) and self.tolerable(self.calibrated):
+        if self.calibrates:
             return False
         again = started(self.calibrated, e, (), self.campaign)
         further = next((a for a in again if self._fits(a) and self.tolerable(a)), None)
@@ -180,7 +180,17 @@ class Standing:
 
     def _accepted(self, base: Evaluation, e: Evaluation, tried: int) -> bool:
         """As :func:`hbm.diagnosis.decide.accepted`; no drift of what a room does, or of another size at each level."""
-        return accepted(base, e, tried) and drifts_beyond_rooms(e) and drifts_within_levels(e, self.campaign)
+        better = accepted(base, e, tried) or (base is self.calibrated and self.replaces(e))
+        return better and drifts_beyond_rooms(e) and drifts_within_levels(e, self.campaign)
+
+    def replaces(self, e: Evaluation) -> bool:
+        """Whether a cause that leaves noise is likelier than calibration that leaves its tolerances, which is no story.
+
+        It need not be better than that, but than the rig file as it is.
+        """
+        if not e.model.calibrated or self.tolerable(self.calibrated) or not self._enough(e):
+            return False
+        return accepted(self.first, e, self.tried) and simpler(e, self.calibrated, self.tried)
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and self._fits(decision.best)
@@ -194,5 +204,9 @@ class Standing:
         They may take all of an effect but a rest that noise hides in thousands of squares: a cause that has a name for
         it tells it.
         """
-        e = self.calibrated
-        return self._fits(e) and self.tolerable(e) and not suspicious(self.over(e), self.rig)
+        return self.calibrates and not suspicious(self.over(self.calibrated), self.rig)
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether numbers of the rig file that move within their tolerances leave noise alone."""
+        return self._fits(self.calibrated) and self.tolerable(self.calibrated)

@@ -517,6 +517,17 @@ def test_a_wrong_number_of_a_joint_that_is_known_is_named() -> None:
     assert abs(estimate - CLEARANCE) < 3.0 * std and std < 0.1 * CLEARANCE
 
 
+def test_a_wrong_load_is_named_where_calibration_does_for_it_beyond_its_tolerances() -> None:
+    known = Joint("shoe", Friction(Jenkins(1.0, LIMIT / STIFFNESS), LIMIT), ("b",))
+    records = measured(jenkins(1.3 * STIFFNESS, 1.3 * LIMIT), "b")
+    d = diagnose(replace(rig_of(), joints=(known,)), records, causes=[WrongParameter])
+    assert d.verdict == "cause-found"
+    assert d.cause in ("parameter:joints.shoe.normal_load", "parameter:joints.shoe.mu")
+    (found,) = d.parameters.values()
+    true = 1.3 * (LIMIT if d.cause.endswith("normal_load") else 1.0)
+    assert abs(found.value - true) < 3.0 * found.std < 0.2 * true
+
+
 def test_numbers_of_joints_that_the_rig_file_has_run_before_those_that_it_may_lack() -> None:
     """Far from what was measured, the first of their effects says nothing beside the force that is missing.
 
