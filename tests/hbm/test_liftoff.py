@@ -1,21 +1,26 @@
 """A tip that lifts off its support: two integrators, statics, and its own derivatives."""
 
+import re
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from rigs import beam
 
 import tests.truth as truth
-from hbm.balance.problem import HarmonicBalance
+from continuation import Branch, ConvergenceError, continue_branch
+from hbm.balance.problem import HarmonicBalance, balance_of
 from hbm.balance.solution import PeriodicSolution
+from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.integration.handover import state_at_phase_zero
+from hbm.response import start
 from hbm.response.bifurcations import stability_of
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
-from models import Attachments, Channel, Frictionless, Rig
+from models import Attachments, Channel, Damping, Frictionless, Rig
 from models.published import PAPER_PENALTY
 from tests.truth.measure import coefficients
 
@@ -215,3 +220,39 @@ def test_a_tip_that_is_off_for_long_is_marched_to() -> None:
     np.testing.assert_allclose(
         marched.history.coefficients("drive", 31), found["drive"].coefficients, atol=2e-3 * drive
     )
+
+
+def test_where_no_way_leads_to_a_motion_it_is_said_how_far_one_is_from_periodic(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With hardly any damping a tip that jumps rings from period to period; with much it settles."""
+    for way in ("_directly", "_by_samples", "_by_harmonics", "_by_force", "_from_afar", "_by_time"):
+        monkeypatch.setattr(start, way, lambda *_, **__: None)
+
+    def change(ratio: float) -> float:
+        rig = replace(with_lift(paper()), damping=Damping(modal_ratios=(ratio,)))
+        with pytest.raises(
+            ConvergenceError, match=r"try more harmonics or samples, .* or simulate it in time"
+        ) as failed:
+            steady_state(rig, 40.0, level=200.0, harmonics=3)
+        found = re.search(
+            "marched in time, the motion still changes by (.*) of itself over its 60th", str(failed.value)
+        )
+        assert found is not None
+        return float(found[1])
+
+    assert change(1e-3) > 0.1
+    assert change(0.05) < 1e-6
+
+
+def test_a_ramp_that_creeps_is_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = []
+
+    def creeping(problem: Any, x: Any, lam: float, settings: Any, late: Any) -> Branch:
+        ended.append(problem.basis.H)
+        return continue_branch(problem, x, lam, replace(settings, max_points=2), late)
+
+    monkeypatch.setattr(start, "continue_branch", creeping)
+    problem = balance_of(with_lift(paper()), FourierBasis(9, 128), level=LIFTS)
+    assert start._by_force(problem, problem.lam_at(HZ), lambda _: False) is None
+    assert ended == [3]
