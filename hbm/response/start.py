@@ -3,11 +3,12 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from continuation import ConvergenceError, End, continue_branch, solve_at
+from continuation import ConvergenceError, continue_branch, solve_at
 from hbm.balance.padding import pad
 from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.fourier import Array, FourierBasis, default_samples
@@ -18,6 +19,9 @@ from hbm.response.steps import newton_settings, ramp_settings
 
 FEW = (3, 5, 7, 9)
 """Harmonics along ramps of the force, before one with all: starts are soon found with few, which need not hold it."""
+
+MOST_POINTS = 400
+"""Of all ramps of the force together."""
 
 Late = Callable[[object], bool]
 """Whether the time is over; asked with each point of a ramp."""
@@ -111,17 +115,19 @@ def _by_samples(problem: AnyBalance, lam: float, late: Late) -> Array | None:
 
 
 def _by_force(problem: AnyBalance, lam: float, late: Late, begin: Begin = _rest) -> Array | None:
-    """Along ramps of the force, with few harmonics first; none after one that creeps, for more harmonics do so too."""
-    hz, F = problem.hz_at(lam), problem.at(lam)[1]
+    """Along ramps of the force, with few harmonics first; where one creeps, those with more would for longer."""
+    hz, F, left = problem.hz_at(lam), problem.at(lam)[1], MOST_POINTS
     for H in (*(H for H in FEW if H < problem.basis.H), problem.basis.H):
         basis = FourierBasis(H, problem.basis.N_t)
         ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
         settings = ramp_settings(ramp, 1e-3, 1.0, 0.02)
         if begin is not _rest and solve_at(ramp, _rest(ramp, 1e-3), 1e-3, settings).converged:
             return None  # a ramp that begins at rest leads nowhere
+        settings = replace(settings, max_points=min(left, settings.max_points))
         branch = continue_branch(ramp, begin(ramp, 1e-3), 1e-3, settings, late)
+        left -= len(branch.points)
         found = _upwards(problem, lam, H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
-        if found is not None or branch.end is End.TOO_MANY_POINTS or late(branch):
+        if found is not None or left <= 0 or late(branch):
             return found
     return None
 

@@ -245,14 +245,17 @@ def test_where_no_way_leads_to_a_motion_it_is_said_how_far_one_is_from_periodic(
     assert change(0.05) < 1e-6
 
 
-def test_a_ramp_that_creeps_is_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ramps_of_the_force_have_so_many_points_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that creep, for a joint that opens at every step, do not all creep to their own end."""
     ended = []
 
     def creeping(problem: Any, x: Any, lam: float, settings: Any, late: Any) -> Branch:
-        ended.append(problem.basis.H)
-        return continue_branch(problem, x, lam, replace(settings, max_points=2), late)
+        ended.append((problem.basis.H, settings.max_points))
+        return continue_branch(problem, x, lam, settings, late)
 
     monkeypatch.setattr(start, "continue_branch", creeping)
+    monkeypatch.setattr(start, "MOST_POINTS", 3)
+    monkeypatch.setattr(start, "_upwards", lambda *_: None)
     problem = balance_of(with_lift(paper()), FourierBasis(9, 128), level=LIFTS)
     assert start._by_force(problem, problem.lam_at(HZ), lambda _: False) is None
-    assert ended == [3]
+    assert ended == [(3, 3)]
