@@ -47,9 +47,11 @@ from .modes.backbone import nonlinear_mode as nonlinear_mode
 from .modes.backbone import phase_resonance as phase_resonance
 from .modes.linear import LinearModes as LinearModes
 from .modes.linear import linear_modes as linear_modes
+from .response.accuracy import error_of as error_of
 from .response.accuracy import frequency_response as frequency_response
 from .response.assessment import Assessment as Assessment
 from .response.assessment import NumericalError as NumericalError
+from .response.assessment import Probe as Probe
 from .response.bifurcation import Bifurcation as Bifurcation
 from .response.bifurcations import stability_of as stability_of
 from .response.bifurcations import with_stability as with_stability

@@ -5,7 +5,7 @@ import pytest
 from rigs import HZ, beam, oscillator
 
 from hbm.fourier import default_samples
-from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
+from hbm.response.accuracy import choose_harmonics, difference, error_of, estimate_error, frequency_response
 from hbm.response.assessment import NumericalError, Probe
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state, trace_frequency
@@ -33,6 +33,19 @@ def test_estimate_is_within_a_factor_three_of_the_truth(coarse):
             compared += 1
             assert truth / 3 < probe.total < 3 * truth
     assert compared >= 5
+
+
+@pytest.mark.parametrize("hz", [47.0, 52.0])
+def test_error_of_a_solution_is_within_a_factor_three_of_the_truth(hz):
+    found = steady_state(beam(), hz, harmonics=5, samples=64)
+    reference = steady_state(beam(modes=20), hz, harmonics=25, samples=1024, start=found)
+    truth = max(difference(found, reference, name) / found[name].peak for name in ("drive", "friction"))
+    estimate = error_of(beam(), found)
+    assert truth / 3 < estimate.total < 3 * truth
+    assert str(estimate) == f"{estimate.shares('')} at {hz:g} Hz"
+    assert "numerical error and stability: not judged here, but by error_of(rig, it)" in str(found)
+    with pytest.raises(ValueError, match="error_of: the state has 5 modes and 1 ports; must be a solution of this rig"):
+        error_of(beam(modes=8), found)
 
 
 def test_sources_of_error_are_told_apart(coarse):

@@ -67,6 +67,13 @@ def test_a_tip_that_stays_on_its_support_moves_as_if_it_were_kept_there() -> Non
         np.testing.assert_allclose(free[name].coefficients, kept[name].coefficients, atol=1e-7 * size)
 
 
+def test_a_motion_says_for_how_long_its_tip_is_off_its_support() -> None:
+    _, kept, free = lifted()
+    assert f"the tip is off its support for {off(free):.0%} of the period" in str(free)
+    assert "the tip would lift off: the normal reaction turns negative; the model keeps it" in str(kept)
+    assert "tip" not in str(steady_state(paper(), HZ, level=1.0, harmonics=3))
+
+
 @pytest.mark.parametrize("load", [1e-4, 1e-2])
 def test_a_tip_without_load_bends_like_a_cantilever(load: float) -> None:
     """That of a static force in one half of its period, none of the tip in the other."""
