@@ -41,6 +41,8 @@ from .measurement.recording import Recording as Recording
 from .measurement.spectra import MeasuredSpectra as MeasuredSpectra
 from .measurement.spectrafile import load_spectra as load_spectra
 from .measurement.spectrafile import write_spectra as write_spectra
+from .modes.accuracy import NumericalChange as NumericalChange
+from .modes.accuracy import numerical_change as numerical_change
 from .modes.backbone import NonlinearMode as NonlinearMode
 from .modes.backbone import PhaseResonance as PhaseResonance
 from .modes.backbone import nonlinear_mode as nonlinear_mode

@@ -343,6 +343,11 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
         yield f"at the peak {finer(H)} harmonics change {what} by {error.at_peak.harmonics:.2%} of its largest{lifted}"
     if error.largest("samples") > tolerance:
         yield f"{2 * curve.basis.N_t} samples change {what} by up to {error.largest('samples'):.2%} of its largest"
+    if error.lost:
+        numerics = f"{finer(H)} harmonics, {2 * curve.basis.N_t} samples and more modes"
+        peak = ", the peak among them" if np.isnan(error.at_peak.total) else ""
+        where = f"{len(error.lost)} of {len(error.probes)} points{peak}"
+        yield f"the numerical error is not assessed at {where}: nothing was found near them with {numerics}"
     if worst.total > 2 * tolerance and worst is not error.at_peak:
         cause = "modes" if worst.modes > worst.harmonics else "harmonics"
         yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"

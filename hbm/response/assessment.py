@@ -63,6 +63,11 @@ class NumericalError:
         """The probe of largest total error."""
         return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
 
+    @property
+    def lost(self) -> tuple[Probe, ...]:
+        """Probes near which nothing was found with finer numerics: what is said of the others says nothing of them."""
+        return tuple(p for p in self.probes if np.isnan(p.total))
+
     def largest(self, source: str) -> float:
         """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
         values = [getattr(p, source) for p in self.probes]
@@ -72,6 +77,8 @@ class NumericalError:
         """Say the estimate and where it comes from."""
         w = self.worst
         at_most = f"at most {_share(w.total)} near {w.hz:.5g} Hz"
+        if self.lost:
+            at_most += f", not estimated at {len(self.lost)} of {len(self.probes)} points"
         return f"{self.at_peak.shares(' at the peak')}, {at_most}; loop closure {self.closure:.0e}"
 
 
