@@ -18,6 +18,7 @@ from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import simulate
 from hbm.integration.integrate import steady_state as shoot
 from hbm.parallel import Helped
+from hbm.response import start
 from hbm.response.loop import friction_loop
 from hbm.response.trace import steady_state
 from hbm.rigfiles.lawchoice import choose_law
@@ -137,12 +138,17 @@ def test_harmonic_balance_agrees_with_time_integration(hz: float) -> None:
         assert difference < 1e-4 * np.abs(values - values.mean()).max(), name
 
 
-@pytest.mark.parametrize(("hz", "level"), [(88.0, 0.1), (76.0, 1.0), (76.0, 10.0)])
-def test_a_mean_that_motion_decides_is_found_from_the_linear_motion(hz: float, level: float) -> None:
+@pytest.mark.parametrize(("hz", "level", "way"), [(88.0, 0.1, ""), (76.0, 1.0, "_by_time"), (76.0, 10.0, "_by_time")])
+def test_a_mean_that_motion_decides_is_found(
+    hz: float, level: float, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """R swings with the motion u, and so the integral of v / R over a period is none: z drifts until |z|^2 holds it.
 
-    Its mean is that of the root of the motion, which no slope at rest tells. Marched from rest it is the same.
+    Its mean is that of the root of the motion, which no slope at rest tells. Marched from rest it is the same. It is
+    found in time and, without that, from the linear motion.
     """
+    if way:
+        monkeypatch.setattr(start, way, lambda *_: None)
     paper = load_rig(RIG, allow_code=True)
     body = replace(paper.body, length=0.45, width=0.03, thickness=0.004)
     damping, force = Damping(mass_proportional=6.0), replace(paper.excitation, position=0.225)

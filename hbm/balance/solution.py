@@ -148,16 +148,31 @@ class PeriodicSolution(Displayed):
     conservative: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Say where it is, and the peak of each channel."""
+        """Say where it is, the peak of each channel, and what is not known of it."""
         head = (
             f"steady state at {self.hz:.6g} Hz, {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples; peaks:"
         )
         width = max(len(name) for name in self.channels)
-        return "\n".join([head, *(f"  {n:<{width}}  {s.peak:.6g} {s.unit}" for n, s in self.channels.items())])
+        peaks = (f"  {n:<{width}}  {s.peak:.6g} {s.unit}" for n, s in self.channels.items())
+        judged = "numerical error and stability: not judged here, but by error_of(rig, it) and stability_of(rig, it)"
+        return "\n".join([head, *peaks, *self._leaving, judged])
+
+    @property
+    def _leaving(self) -> list[str]:
+        """What a tip that leaves its support does, in words."""
+        if self.lift_off:
+            return ["the tip would lift off: the normal reaction turns negative; the model keeps it on its support"]
+        off = self.off if "normal" in self.channels else 0.0
+        return [f"the tip is off its support for {off:.0%} of the period"] if off else []
 
     def __getitem__(self, name: str) -> Signal:
         """Channel by name."""
         return channel_named(self.channels, name)
+
+    @property
+    def periods(self) -> int:
+        """Periods of the force that the motion takes to repeat."""
+        return round(2 * np.pi * self.hz / self.state.Omega)
 
     @property
     def lift_off(self) -> bool:

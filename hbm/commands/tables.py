@@ -156,16 +156,17 @@ def force_cells(c: "ResponseCurve", points: slice = EVERYWHERE) -> dict[str, str
 
 
 def _numerics_row(c: "ResponseCurve", known: "Assessment") -> dict[str, str]:
-    worst = known.error.worst
+    error, worst = known.error, known.error.worst
+    assessed = math.isfinite(error.at_peak.total)  # else the worst of what could be is of points that matter less
     return {
         "level\nN": f"{c.level:g}",
         "H": str(c.basis.H),
         "samples": str(c.basis.N_t),
         "modes": str(c.rig.structure.n),
-        "at the peak\n%": dashed(100 * known.error.at_peak.total, ".2f"),
-        "worst\n%": dashed(100 * worst.total, ".2f"),
-        "at\nHz": f"{worst.hz:.2f}",
-        "loop\nclosure": f"{known.error.closure:.0e}",
+        "at the peak\n%": f"{100 * error.at_peak.total:.2f}" if assessed else "not assessed",
+        "worst\n%": f"{100 * worst.total:.2f}" if assessed else "not assessed",
+        "at\nHz": f"{worst.hz:.2f}" if assessed else "-",
+        "loop\nclosure": f"{error.closure:.0e}",
     }
 
 

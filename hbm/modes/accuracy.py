@@ -48,6 +48,11 @@ def numerical_change(backbone: Backbone, i: int | None = None) -> NumericalChang
     backbone : Backbone
     i : int, optional
         The point; that of largest damping where omitted.
+
+    Returns
+    -------
+    NumericalChange
+        Of that point.
     """
     i = int(np.argmax(backbone.damping_ratio)) if i is None else i
     rig, (H, N_t) = backbone.rig, (backbone.problem.balance.basis.H, backbone.problem.balance.basis.N_t)

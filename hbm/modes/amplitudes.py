@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, Correction, NewtonSettings, Predictor, Settings, solve_at
+from continuation import Branch, ConvergenceError, Correction, End, NewtonSettings, Point, Predictor, Settings, solve_at
 from hbm.balance.scaled import State
 from hbm.errors import expect_positive, expect_two, expect_whole
 from hbm.fourier import Array
@@ -229,3 +229,8 @@ def solved(problem: DriveAmplitude, x: Array, lam: float) -> Correction:
             f"{result.residual_norm:.2g}; {result.reason.value}; try another amplitude or more harmonics"
         )
     return result
+
+
+def alone(points: tuple[Point, ...], settings: Settings) -> Branch:
+    """Points each solved for itself: how a trace ended that led near them does not concern them."""
+    return Branch(points, End.REACHED_END, "each solved at its amplitude or force", settings)

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from continuation import Branch, Correction, End, Point, Settings
+from continuation import Branch, Correction, Point, Settings
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import USUAL, basis_for
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.labelled import dataset, frame
-from hbm.modes.amplitudes import solved, traced
+from hbm.modes.amplitudes import alone, solved, traced
 from hbm.modes.columns import columns_of
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
@@ -56,13 +56,14 @@ class Backbone(ABC):
     problem: DriveAmplitude
 
     def __repr__(self) -> str:
-        """Range of amplitude and frequency, and why it ended."""
+        """Range of amplitude and frequency, why it ended, and what is not known of it."""
         first, last = self.points[0], self.points[-1]
         begin, end = self.amplitude.min(), self.amplitude.max()
+        unknown = "numerical error not estimated here, but by numerical_change(it)"
         what = {"NonlinearMode": "nonlinear mode", "PhaseResonance": "phase resonance"}[type(self).__name__]
         return (
             f"{what}: {len(self.points)} motions, drive amplitude {begin:.4g} to {end:.4g} m, "
-            f"{first.hz:.6g} to {last.hz:.6g} Hz; {self.branch.message}"
+            f"{first.hz:.6g} to {last.hz:.6g} Hz; {self.branch.message}; {unknown}"
         )
 
     @cached_property
@@ -217,8 +218,8 @@ class Backbone(ABC):
     def _solved(self, near: Sequence[Array], lams: Sequence[float] | Array) -> Self:
         """Motions at given parameters, from unknowns near them."""
         found = [solved(self.problem, x, float(lam)) for x, lam in zip(near, lams, strict=True)]
-        points = tuple(point_of(self.problem, f) for f in found)
-        return replace(self, points=described(self.problem, points), branch=replace(self.branch, points=points))
+        motions = described(self.problem, points := tuple(point_of(self.problem, f) for f in found))
+        return replace(self, points=motions, branch=alone(points, self.branch.settings))
 
     def _between(self, i: int, lam: float) -> Array:
         """Unknowns between a point and the next, to first order."""
@@ -245,8 +246,7 @@ class NonlinearMode(Backbone):
     ) -> "NonlinearMode":
         """Motions that were solved at some amplitudes, on no traced branch, and what they are in physical terms."""
         points = tuple(point_of(problem, f) for f in found)
-        branch = Branch(points, End.REACHED_END, "solved at given amplitudes", Settings(lam_end=points[-1].lam))
-        return NonlinearMode(problem.rig, motions, branch, problem)
+        return NonlinearMode(problem.rig, motions, alone(points, Settings(lam_end=points[-1].lam)), problem)
 
     @cached_property
     def lost(self) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import ConvergenceError
+from hbm.balance.balanced import balanced
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import harmonics_for, holding
@@ -207,18 +208,47 @@ def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
 
 def estimate_error(curve: ResponseCurve) -> NumericalError:
     """Estimate the numerical error of a curve by solving some of its points again, refined."""
-    rig, found = curve.rig, probes(curve)
-    H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
+    found = probes(curve)
+    peak = next(i for i, p in enumerate(found) if p is curve.peak)
+    table = _probed(curve.rig, found, peak, scales_of(curve.rig, curve.points))
+    return NumericalError(table, table[peak], max(p.closure for p in curve.points))
+
+
+def error_of(rig: AnyRig, solution: PeriodicSolution) -> Probe:
+    """Numerical error of one periodic solution: what more harmonics, samples and modes change, relative to its peaks.
+
+    Parameters
+    ----------
+    rig : Rig
+    solution : PeriodicSolution
+        A solution of this rig.
+
+    Returns
+    -------
+    Probe
+        An error is nan, "not estimated", where nothing is found near the solution with finer numerics: then it may be
+        one of these harmonics, samples and modes alone.
+
+    Raises
+    ------
+    ValueError
+        If the solution is not one of this rig.
+    """
+    balanced(balance_of(rig, solution.basis, level=solution.level, periods=solution.periods), solution, "error_of")
+    return _probed(rig, [solution], 0, scales_of(rig, [solution]))[0]
+
+
+def _probed(rig: AnyRig, found: Sequence[PeriodicSolution], peak: int, scales: dict[str, float]) -> tuple[Probe, ...]:
+    """Changes of solutions with finer numerics; the sources told apart where they are largest, and at one of them."""
+    H, N_t, n = found[0].basis.H, found[0].basis.N_t, rig.structure.n
     finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
-    scales = scales_of(rig, curve.points)
 
     def changes(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
         """Relative change of each point on another discretisation, nan where it was not found."""
-        again = _solve_again(found, rig, H, N_t, curve.level)
+        again = _solve_again(found, rig, H, N_t, found[0].level)
         return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
     total = changes(found, finer_rig, finer_H, finer_N)
-    peak = next(i for i, p in enumerate(found) if p is curve.peak)
     worst = peak if np.all(np.isnan(total)) else int(np.nanargmax(total))
     told_apart = sorted({peak, worst})
     shares = {
@@ -230,18 +260,19 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
     for name, finer_problem in shares.items():
         if name != "modes" or finer_rig.structure.n > n:
             sources[name][told_apart] = changes([found[i] for i in told_apart], *finer_problem)
-    table = tuple(
+    return tuple(
         Probe(p.hz, **{name: float(change[i]) for name, change in sources.items()}, total=float(total[i]))
         for i, p in enumerate(found)
     )
-    return NumericalError(table, table[peak], max(p.closure for p in curve.points))
 
 
 def _solve_again(
     found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int, level: float | None
 ) -> list[PeriodicSolution | None]:
     """Solve points on another discretisation, each at its frequency; None where that fails."""
-    problem = balance_of(rig, FourierBasis(H, N_t), level=level)
+    if not found:
+        return []
+    problem = balance_of(rig, FourierBasis(H, N_t), level=level, periods=found[0].periods)
     out: list[PeriodicSolution | None] = []
     for start in found:
         lam = problem.lam_at(start.hz)
@@ -313,6 +344,11 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
         yield f"at the peak {finer(H)} harmonics change {what} by {error.at_peak.harmonics:.2%} of its largest{lifted}"
     if error.largest("samples") > tolerance:
         yield f"{2 * curve.basis.N_t} samples change {what} by up to {error.largest('samples'):.2%} of its largest"
+    if error.lost:
+        numerics = f"{finer(H)} harmonics, {2 * curve.basis.N_t} samples and more modes"
+        peak = ", the peak among them" if np.isnan(error.at_peak.total) else ""
+        where = f"{len(error.lost)} of {len(error.probes)} points{peak}"
+        yield f"the numerical error is not assessed at {where}: nothing was found near them with {numerics}"
     if worst.total > 2 * tolerance and worst is not error.at_peak:
         cause = "modes" if worst.modes > worst.harmonics else "harmonics"
         yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"

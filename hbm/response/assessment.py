@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Probe:
-    """A point of a curve that was solved again with finer numerics.
+    """A point of a curve, or a solution alone, that was solved again with finer numerics.
 
     Attributes
     ----------
@@ -15,9 +15,9 @@ class Probe:
         Its frequency [Hz].
     harmonics, samples, modes, total : float
         Largest change over the period of drive displacement or friction force, relative to the peak of that channel
-        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where the finer
-        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak
-        and where the total is largest).
+        on the curve or of the solution alone, when only the harmonics, the samples, the modes, or everything is
+        refined; nan where the finer problem was not solved, and of modes where the body has no more (the single sources
+        are told apart at the peak and where the total is largest).
     """
 
     hz: float
@@ -25,6 +25,15 @@ class Probe:
     samples: float
     modes: float
     total: float
+
+    def __repr__(self) -> str:
+        """Say the error, what it is made of, and where."""
+        return f"{self.shares('')} at {self.hz:.5g} Hz"
+
+    def shares(self, where: str) -> str:
+        """The error and what it is made of, in words."""
+        parts = ", ".join(f"{name} {_share(getattr(self, name))}" for name in ("harmonics", "samples", "modes"))
+        return f"{_share(self.total)}{where} ({parts})"
 
 
 def _share(error: float) -> str:
@@ -54,6 +63,11 @@ class NumericalError:
         """The probe of largest total error."""
         return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
 
+    @property
+    def lost(self) -> tuple[Probe, ...]:
+        """Probes near which nothing was found with finer numerics: what is said of the others says nothing of them."""
+        return tuple(p for p in self.probes if np.isnan(p.total))
+
     def largest(self, source: str) -> float:
         """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
         values = [getattr(p, source) for p in self.probes]
@@ -61,11 +75,11 @@ class NumericalError:
 
     def __repr__(self) -> str:
         """Say the estimate and where it comes from."""
-        p, w = self.at_peak, self.worst
-        return (
-            f"{_share(p.total)} at the peak (harmonics {_share(p.harmonics)}, samples {_share(p.samples)}, "
-            f"modes {_share(p.modes)}), at most {_share(w.total)} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
-        )
+        w = self.worst
+        at_most = f"at most {_share(w.total)} near {w.hz:.5g} Hz"
+        if self.lost:
+            at_most += f", not estimated at {len(self.lost)} of {len(self.probes)} points"
+        return f"{self.at_peak.shares(' at the peak')}, {at_most}; loop closure {self.closure:.0e}"
 
 
 @dataclass(frozen=True)

@@ -76,8 +76,7 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
     ValueError
         If the solution is not one of this rig, or where the judge cannot tell.
     """
-    periods = round(2 * np.pi * solution.hz / solution.state.Omega)
-    problem = balance_of(rig, solution.basis, level=solution.level, periods=periods)
+    problem = balance_of(rig, solution.basis, level=solution.level, periods=solution.periods)
     balanced(problem, solution, "stability_of")
     return judge(_finely(problem), solution.state)
 

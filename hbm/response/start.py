@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,11 +14,14 @@ from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.forceless import without_force
 from hbm.response.liftoff import solve_lifting
-from hbm.response.settling import settled
+from hbm.response.settling import restless, settled
 from hbm.response.steps import newton_settings, ramp_settings
 
 FEW = (3, 5, 7, 9)
 """Harmonics along ramps of the force, before one with all: starts are soon found with few, which need not hold it."""
+
+MOST_POINTS = 400
+"""Of all ramps of the force together."""
 
 Late = Callable[[object], bool]
 """Whether the time is over; asked with each point of a ramp."""
@@ -33,8 +37,8 @@ def first_solution(problem: AnyBalance, lam: float, seconds: float = math.inf) -
     """Solution at `lam` from nothing, by the first way that works.
 
     Newton from rest; from fewer samples, where there are more than usual; from one harmonic upwards; along ramps of the
-    force with few harmonics, and with all; along the frequency from far off, where the contact sticks; from where a
-    rig with joints settles in time; from the linear motion about rest, and along a ramp that begins with it.
+    force with few harmonics, and with all; along the frequency from far off, where the contact sticks; from where it
+    settles in time; from the linear motion about rest, and along a ramp that begins with it.
 
     Parameters
     ----------
@@ -53,10 +57,8 @@ def first_solution(problem: AnyBalance, lam: float, seconds: float = math.inf) -
 
 
 def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
-    few = (partial(_by_force, H=H) for H in FEW if H < problem.basis.H)
-    fewest = min(FEW[0], problem.basis.H)
-    linear: tuple[Way, ...] = (partial(_directly, begin=_linear), partial(_by_force, H=fewest, begin=_linear))
-    ways: tuple[Way, ...] = (_directly, _by_samples, _by_harmonics, *few, _by_force, _from_afar, _by_time, *linear)
+    linear: tuple[Way, ...] = (partial(_directly, begin=_linear), partial(_by_force, begin=_linear))
+    ways: tuple[Way, ...] = (_directly, _by_samples, _by_harmonics, _by_force, _from_afar, _by_time, *linear)
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     for way in ways:
         x = way(problem, lam, late)
@@ -70,7 +72,8 @@ def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
         raise ConvergenceError(f"first solution: none at {where}: {silent}: force not finite; must be for every motion")
     raise ConvergenceError(
         f"first solution: none at {where}, neither from rest or linear motion, nor with few harmonics first, along a "
-        "force ramp, from a far frequency or a march in time; try more samples, another frequency or softer contacts"
+        f"force ramp, from a far frequency or a march in time{restless(problem, lam)}; try more harmonics or "
+        "samples, another frequency, softer contacts, more damping of the higher modes, or simulate it in time"
     )
 
 
@@ -111,13 +114,22 @@ def _by_samples(problem: AnyBalance, lam: float, late: Late) -> Array | None:
     return result.x if result.converged else None
 
 
-def _by_force(problem: AnyBalance, lam: float, late: Late, H: int | None = None, begin: Begin = _rest) -> Array | None:
-    hz, F = problem.hz_at(lam), problem.at(lam)[1]
-    basis = problem.basis if H is None else FourierBasis(H, problem.basis.N_t)
-    ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
-    settings = ramp_settings(ramp, 1e-3, 1.0, 0.02)
-    branch = continue_branch(ramp, begin(ramp, 1e-3), 1e-3, settings, late)
-    return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
+def _by_force(problem: AnyBalance, lam: float, late: Late, begin: Begin = _rest) -> Array | None:
+    """Along ramps of the force, with few harmonics first; where one creeps, those with more would for longer."""
+    hz, F, left = problem.hz_at(lam), problem.at(lam)[1], MOST_POINTS
+    for H in (*(H for H in FEW if H < problem.basis.H), problem.basis.H):
+        basis = FourierBasis(H, problem.basis.N_t)
+        ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
+        settings = ramp_settings(ramp, 1e-3, 1.0, 0.02)
+        if begin is not _rest and solve_at(ramp, _rest(ramp, 1e-3), 1e-3, settings).converged:
+            return None  # a ramp that begins at rest leads nowhere
+        settings = replace(settings, max_points=min(left, settings.max_points))
+        branch = continue_branch(ramp, begin(ramp, 1e-3), 1e-3, settings, late)
+        left -= len(branch.points)
+        found = _upwards(problem, lam, H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
+        if found is not None or left <= 0 or late(branch):
+            return found
+    return None
 
 
 def _from_afar(problem: AnyBalance, lam: float, late: Late) -> Array | None:

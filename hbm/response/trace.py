@@ -74,9 +74,9 @@ def steady_state(
 
     Notes
     -----
-    The numerical error is not estimated, as it is by :func:`hbm.frequency_response`. What twice as many `harmonics` and
-    `samples` change is about as large. Friction in a plane needs thousands of samples for 0.1 %: its error falls in
-    proportion to their number, not to the square of it.
+    Neither its numerical error nor its stability is judged: :func:`hbm.error_of` and :func:`hbm.stability_of` do that.
+    Far beyond where a contact first opens, many solutions are unstable, or change much with more harmonics. Friction in
+    a plane needs thousands of samples for 0.1 %: its error falls in proportion to their number, not to its square.
     """
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from rigs import HZ, beam, oscillator
 
+from hbm.commands.tables import _numerics_row
 from hbm.fourier import default_samples
-from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
-from hbm.response.assessment import NumericalError, Probe
+from hbm.response import accuracy
+from hbm.response.accuracy import choose_harmonics, difference, error_of, estimate_error, frequency_response
+from hbm.response.assessment import Assessment, NumericalError, Probe
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state, trace_frequency
 from models import Frictionless, Viscous
@@ -35,6 +37,19 @@ def test_estimate_is_within_a_factor_three_of_the_truth(coarse):
     assert compared >= 5
 
 
+@pytest.mark.parametrize("hz", [47.0, 52.0])
+def test_error_of_a_solution_is_within_a_factor_three_of_the_truth(hz):
+    found = steady_state(beam(), hz, harmonics=5, samples=64)
+    reference = steady_state(beam(modes=20), hz, harmonics=25, samples=1024, start=found)
+    truth = max(difference(found, reference, name) / found[name].peak for name in ("drive", "friction"))
+    estimate = error_of(beam(), found)
+    assert truth / 3 < estimate.total < 3 * truth
+    assert str(estimate) == f"{estimate.shares('')} at {hz:g} Hz"
+    assert "numerical error and stability: not judged here, but by error_of(rig, it)" in str(found)
+    with pytest.raises(ValueError, match="error_of: the state has 5 modes and 1 ports; must be a solution of this rig"):
+        error_of(beam(modes=8), found)
+
+
 def test_sources_of_error_are_told_apart(coarse):
     """The same points with enough samples lose the samples' share, and keep that of the harmonics."""
     before = estimate_error(coarse)
@@ -58,6 +73,9 @@ def test_what_was_not_estimated_is_said_in_words(coarse):
     at = Probe(50.0, harmonics=2e-3, samples=1e-4, modes=np.nan, total=np.nan)
     said = "not estimated at the peak (harmonics 0.20%, samples 0.01%, modes not estimated), at most not estimated near"
     assert repr(NumericalError((at,), at, 0.0)).startswith(said)
+    found = Probe(45.0, harmonics=np.nan, samples=np.nan, modes=np.nan, total=1e-5)
+    said = "at most 0.00% near 45 Hz, not estimated at 1 of 2 points"
+    assert said in repr(NumericalError((found, at), at, 0.0))
     assert "nan" not in repr(estimate_error(coarse))
 
 
@@ -104,3 +122,17 @@ def test_without_residual_flexibility_they_are_not():
         trace_frequency(beam(modes=n, residual_compliance=False), (47.5, 56.0), harmonics=9) for n in (5, 50)
     )
     assert abs(without["drive"].peak.max() / many["drive"].peak.max() - 1.0) > 0.02
+
+
+def test_a_peak_that_is_not_found_with_finer_numerics_is_not_assessed(coarse, monkeypatch):
+    """What is found far off tells nothing of it: it was printed as the worst, 0.00 %."""
+
+    def lost_at_the_peak(found, *_):
+        return [None if p is coarse.peak else p for p in found]
+
+    monkeypatch.setattr(accuracy, "_solve_again", lost_at_the_peak)
+    error = estimate_error(coarse)
+    row = _numerics_row(coarse, Assessment(error, "", ()))
+    assert (row["at the peak\n%"], row["worst\n%"]) == ("not assessed", "not assessed")
+    said = f"the numerical error is not assessed at 1 of {len(error.probes)} points, the peak among them: nothing was"
+    assert any(w.startswith(said) for w in accuracy._warnings(coarse, error, 5e-3))

@@ -320,6 +320,10 @@ def test_motion_at_a_force() -> None:
     backbone = phase_resonance(beam(modes=1), amplitudes=(1e-6, 3e-4), harmonics=5)
     found = backbone.at_force([0.5, 2.0])
     np.testing.assert_allclose(found.force, [0.5, 2.0], rtol=1e-9)
+    assert found.complete
+    unknown = "numerical error not estimated here, but by numerical_change(it)"
+    assert str(found).endswith(f" Hz; each solved at its amplitude or force; {unknown}")
+    assert str(backbone).endswith(f" Hz; {backbone.branch.message}; {unknown}")
     with pytest.raises(
         ValueError, match=r"backbone: (amplitude|force) = \S+ (m|N); must lie between \S+ and \S+ (m|N)$"
     ):

@@ -1,21 +1,26 @@
 """A tip that lifts off its support: two integrators, statics, and its own derivatives."""
 
+import re
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from rigs import beam
 
 import tests.truth as truth
-from hbm.balance.problem import HarmonicBalance
+from continuation import Branch, ConvergenceError, continue_branch
+from hbm.balance.problem import HarmonicBalance, balance_of
 from hbm.balance.solution import PeriodicSolution
+from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.integration.handover import state_at_phase_zero
+from hbm.response import start
 from hbm.response.bifurcations import stability_of
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
-from models import Attachments, Channel, Frictionless, Rig
+from models import Attachments, Channel, Damping, Frictionless, Rig
 from models.published import PAPER_PENALTY
 from tests.truth.measure import coefficients
 
@@ -60,6 +65,13 @@ def test_a_tip_that_stays_on_its_support_moves_as_if_it_were_kept_there() -> Non
     for name in kept.channels:
         size = np.abs(kept[name].coefficients).max()
         np.testing.assert_allclose(free[name].coefficients, kept[name].coefficients, atol=1e-7 * size)
+
+
+def test_a_motion_says_for_how_long_its_tip_is_off_its_support() -> None:
+    _, kept, free = lifted()
+    assert f"the tip is off its support for {off(free):.0%} of the period" in str(free)
+    assert "the tip would lift off: the normal reaction turns negative; the model keeps it" in str(kept)
+    assert "tip" not in str(steady_state(paper(), HZ, level=1.0, harmonics=3))
 
 
 @pytest.mark.parametrize("load", [1e-4, 1e-2])
@@ -215,3 +227,42 @@ def test_a_tip_that_is_off_for_long_is_marched_to() -> None:
     np.testing.assert_allclose(
         marched.history.coefficients("drive", 31), found["drive"].coefficients, atol=2e-3 * drive
     )
+
+
+def test_where_no_way_leads_to_a_motion_it_is_said_how_far_one_is_from_periodic(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With hardly any damping a tip that jumps rings from period to period; with much it settles."""
+    for way in ("_directly", "_by_samples", "_by_harmonics", "_by_force", "_from_afar", "_by_time"):
+        monkeypatch.setattr(start, way, lambda *_, **__: None)
+
+    def change(ratio: float) -> float:
+        rig = replace(with_lift(paper()), damping=Damping(modal_ratios=(ratio,)))
+        with pytest.raises(
+            ConvergenceError, match=r"try more harmonics or samples, .* or simulate it in time"
+        ) as failed:
+            steady_state(rig, 40.0, level=200.0, harmonics=3)
+        found = re.search(
+            "marched in time, the motion still changes by (.*) of itself over its 60th", str(failed.value)
+        )
+        assert found is not None
+        return float(found[1])
+
+    assert change(1e-3) > 0.1
+    assert change(0.05) < 1e-6
+
+
+def test_ramps_of_the_force_have_so_many_points_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that creep, for a joint that opens at every step, do not all creep to their own end."""
+    ended = []
+
+    def creeping(problem: Any, x: Any, lam: float, settings: Any, late: Any) -> Branch:
+        ended.append((problem.basis.H, settings.max_points))
+        return continue_branch(problem, x, lam, settings, late)
+
+    monkeypatch.setattr(start, "continue_branch", creeping)
+    monkeypatch.setattr(start, "MOST_POINTS", 3)
+    monkeypatch.setattr(start, "_upwards", lambda *_: None)
+    problem = balance_of(with_lift(paper()), FourierBasis(9, 128), level=LIFTS)
+    assert start._by_force(problem, problem.lam_at(HZ), lambda _: False) is None
+    assert ended == [(3, 3)]

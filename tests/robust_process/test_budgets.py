@@ -110,7 +110,7 @@ def test_the_choice_of_harmonics_and_the_first_solution_share_the_budget(monkeyp
 
 
 def test_a_first_solution_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(start, "_from_rest", lambda problem, lam, late: None)
+    monkeypatch.setattr(start, "_directly", lambda *_, **__: None)
     problem = HarmonicBalance(load_rig(PAPER), FourierBasis(3, 32))
     assert np.isfinite(start.first_solution(problem, problem.lam_at(50.0))).all()
     with pytest.raises(ConvergenceError, match=r"none at 50 Hz and 6\.5 N in its time; allow more seconds"):
