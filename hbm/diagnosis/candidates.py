@@ -287,7 +287,8 @@ def _confused(
     """Candidates not tried that those that explain the records, or the best one, say they are confused with.
 
     A number that is wrong by more than a resonance is wide does not show its effect by the first of it, and its fit has
-    further to go than that of a joint, which starts at the size that it has.
+    further to go than that of a joint, which starts at the size that it has. Laws as simple as the best one may be no
+    worse at another place, where few modes were measured.
     """
     told = [r.cause for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained]
     words = " ".join(cause.confused_with for cause in told)
@@ -301,7 +302,13 @@ def _confused(
     best = fitted[0].cause
     least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == best.label), np.inf)
     fewer = [s for s in untried if s.drop >= least and simpler_joint(s.cause, best) and s not in named]
-    return [*named, *fewer[:AT_ONCE]]
+    as_simple = dict.fromkeys(cause.name for cause in told if not simpler_joint(best, cause))
+    elsewhere_too = [
+        s
+        for name in as_simple
+        for s in [s for s in untried if s.cause.name == name and s.drop >= least and s not in named][:AT_ONCE]
+    ]
+    return [*named, *fewer[:AT_ONCE], *elsewhere_too]
 
 
 def _chosen(
