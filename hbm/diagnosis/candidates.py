@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fullfits import HELPS, REFINED, full_fits, refined
-from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, scanned
+from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
 from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, needless, rank
 from hbm.diagnosis.screen import Screening, small, telling
 from hbm.diagnosis.signatures import Score, starting
@@ -287,7 +287,8 @@ def _confused(
     """Candidates not tried that those that explain the records, or the best one, say they are confused with.
 
     A number that is wrong by more than a resonance is wide does not show its effect by the first of it, and its fit has
-    further to go than that of a joint, which starts at the size that it has.
+    further to go than that of a joint, which starts at the size that it has. The simplest of the laws that explain the
+    records may do so at other places too, where few modes were measured.
     """
     told = [r.cause for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained]
     words = " ".join(cause.confused_with for cause in told)
@@ -301,7 +302,10 @@ def _confused(
     best = fitted[0].cause
     least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == best.label), np.inf)
     fewer = [s for s in untried if s.drop >= least and simpler_joint(s.cause, best) and s not in named]
-    return [*named, *fewer[:AT_ONCE]]
+    simplest = dict.fromkeys(c.name for c in told if not any(simpler_joint(other, c) for other in told))
+    joints = [s for s in untried if is_joint(s) and s.drop >= least and s not in named]
+    elsewhere_too = [s for name in simplest for s in [s for s in joints if s.cause.name == name][:AT_ONCE]]
+    return list({s.cause.label: s for s in [*named, *fewer[:AT_ONCE], *elsewhere_too]}.values())
 
 
 def _chosen(

@@ -25,6 +25,7 @@ from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, pushed
 from models.causes.addedjoint import AddedJoint, ends_of
 from models.jointed import JointedRig
+from models.joints.joint import GROUND
 
 HARMONICS, SAMPLES = 9, 128
 """On which forces of laws are worked out, at least."""
@@ -73,16 +74,21 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
     """Places of a rig where some causes act."""
-    return [pair for pair in ends_of(rig) if any(c.way(pair) for c in causes)]
+    named = [pair for pair in ends_of(rig) if any(c.way(pair) for c in causes)]
+    return list(dict.fromkeys([*named, *((place, GROUND) for c in causes for place in c.beside(rig))]))
 
 
 def scanned(
     base: Evaluation, records: Sequence["PushedRecord"], ends: Sequence[Ends], causes: Sequence[AddedJoint]
 ) -> Iterator[Scanned]:
     """Score candidates on records with forces at places."""
-    for i, pair in enumerate(ends):
-        place = _Place(base, records, i)
-        yield from (place.scanned(c, way) for c in causes if (way := c.way(pair)))
+    rig = base.model.nominal
+    assert isinstance(rig, JointedRig)
+    places = {pair: _Place(base, records, i) for i, pair in enumerate(ends)}
+    for pair, place in places.items():
+        for c in causes:
+            if way := c.way(pair):
+                yield place.scanned(c, way, [places[other, GROUND] for other in c.beside(rig)])
 
 
 class Columns(Protocol):
@@ -171,14 +177,14 @@ class _Place:
         signals = np.column_stack([u, r.fundamental * self.basis.derivative(u), np.zeros_like(u)])
         return u, self.basis.samples(signals)
 
-    def scanned(self, cause: AddedJoint, way: float) -> Scanned:
-        """A candidate here, which sees the motion with a sign."""
-        tried = [self._tried(cause, way, shape) for shape in _shapes(cause)]
+    def scanned(self, cause: AddedJoint, way: float, beside: "Sequence[_Place]") -> Scanned:
+        """A candidate here, which sees the motion with a sign, and acts at other places too."""
+        tried = [self._tried(cause, way, shape, beside) for shape in _shapes(cause)]
         best = sorted(tried, key=lambda t: -t.drop)
         starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
         return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts, self.reach, self.deviation)
 
-    def _tried(self, cause: AddedJoint, way: float, shape: dict[str, float]) -> "_Tried":
+    def _tried(self, cause: AddedJoint, way: float, shape: dict[str, float], beside: "Sequence[_Place]") -> "_Tried":
         strengths = [n for n in cause.numbers if not n.shapes]
         of = {n.name: n.of(1.0, self.reach, self.omega) for n in cause.numbers} if self.reach > 0.0 else {}
         scaled = [n.name for n in cause.numbers if n.powers[0]]
@@ -186,7 +192,9 @@ class _Place:
         for one in strengths if of else ():
             values = {n.key: (shape[n.name] if n.shapes else float(n is one)) * of[n.name] for n in cause.numbers}
             try:
-                columns.append(self._felt(cause, way, values))
+                columns.append(
+                    sum((place._felt(cause, 1.0, values) for place in beside), self._felt(cause, way, values))
+                )
             except ValueError:  # no law is of that size: a model that is far off moves there by kilometres
                 return none
         if not columns:

@@ -5,7 +5,7 @@ effect is, all have in common.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -121,6 +121,10 @@ class AddedJoint(Cause):
         """Stiffness of the joint that the modes hold already, having been identified with it at rest [N/m]."""
         return 0.0
 
+    def beside(self, rig: JointedRig) -> tuple[str, ...]:
+        """Other places along which it acts too, in proportion to the motion there."""
+        return ()
+
     @staticmethod
     def inertia(values: Mapping[str, float]) -> float:
         """Mass that moves with the place [kg]."""
@@ -169,15 +173,19 @@ def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
 
     Places that move alike are one. Only what moves the same way is joined.
     """
-    places = _apart(rig)
+    places = places_apart(rig)
     pairs = [pair for pair in combinations(places, 2) if _direction(pair[0]) == _direction(pair[1])]
     return [(place, "") for place in places] + pairs
 
 
-def moving_most(rig: JointedRig) -> list[str]:
-    """The same places by themselves, the one that moves most first."""
-    rows = _rows(rig)
-    return sorted(_apart(rig), key=lambda place: -float(np.linalg.norm(rows[place])))
+def moving_most(rig: JointedRig, places: Iterable[str]) -> dict[str, float]:
+    """How far some places move by forces of low frequency there, the one that moves most first."""
+    named = tuple(places)
+    p = rig.laden_at(named).modes
+    flexible = p.omega_n[p.omega_n > 0.0]
+    squares = p.omega_n**2 + (float(flexible[0] ** 2) if len(flexible) else 1.0)
+    size = dict(zip(named, (p.rows**2 @ (1.0 / squares)).tolist(), strict=True))
+    return dict(sorted(size.items(), key=lambda pair: -pair[1]))
 
 
 def turned(ends: tuple[str, str]) -> tuple[str, str]:
@@ -197,7 +205,7 @@ def _rows(rig: JointedRig) -> dict[str, Array]:
     return dict(zip(named, rig.laden_at(named).modes.rows, strict=True))
 
 
-def _apart(rig: JointedRig) -> list[str]:
+def places_apart(rig: JointedRig) -> list[str]:
     """Places that a rig names and that move, each of those that move alike once."""
     rows, places = _rows(rig), list[str]()
     for place, row in rows.items():

@@ -6,7 +6,7 @@ from math import pi
 from typing import Self
 
 from models.bodies.laden import LumpedMass
-from models.causes.addedjoint import AddedJoint, Number, moving_most
+from models.causes.addedjoint import AddedJoint, Number, moving_most, places_apart
 from models.friction import Dahl, Iwan, Jenkins, LuGre
 from models.jointed import ROTATION, JointedRig
 from models.joints import (
@@ -26,13 +26,17 @@ ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 springs slide, in units of their force at that."""
 
 
+HARDLY = 1e-3
+"""Of how far a point moves along the direction in which it moves most."""
+
+
 class LocalSpring(AddedJoint):
     """A linear spring."""
 
     name = "local-spring"
     meaning = "a linear spring acts between two places, or a place and the ground"
     looks_like = "linear, in phase; shifts the frequencies of modes unequally, alike at all levels"
-    confused_with = "parameter:modal.frequencies_hz[i]; below 0: local-mass"
+    confused_with = "parameter:modal.frequencies_hz[i]; where it is negative local-mass"
     check = "look for what touches the structure there, free it and repeat the records missed most"
     numbers = (Number("stiffness", "N/m", "linear", (1, -1, 0), signed=True),)
     made = PolynomialSpring
@@ -44,7 +48,7 @@ class LocalMass(AddedJoint):
     name = "local-mass"
     meaning = "a lumped mass sits on the structure"
     looks_like = "linear, in phase, growing with the square of the frequency; lowers the frequencies of modes unequally"
-    confused_with = "local-spring below 0, parameter:modal.frequencies_hz[i]"
+    confused_with = "a negative local-spring, parameter:modal.frequencies_hz[i]"
     check = "weigh what is mounted there, or add a known mass at that place and repeat the records missed most"
     numbers = (Number("mass", "kg", "mass", (1, -1, -2)),)
 
@@ -53,7 +57,7 @@ class LocalMass(AddedJoint):
         """Offer it at every point with no mass yet, by that of its translations which moves most."""
         there = {place for lump in rig.masses for place in rig.body.translations(lump.at)}
         points: dict[tuple[str, ...], str] = {}
-        for place in moving_most(rig):
+        for place in moving_most(rig, places_apart(rig)):
             if not ROTATION.search(place) and place not in there:
                 points.setdefault(rig.body.translations(place), place)
         yield from (cls(place) for place in points.values())
@@ -62,6 +66,11 @@ class LocalMass(AddedJoint):
     def law(cls, values: Mapping[str, float]) -> JointLaw:
         """No force but that of its inertia."""
         return PolynomialSpring()
+
+    def beside(self, rig: JointedRig) -> tuple[str, ...]:
+        """The other translations of its point, but those that hardly move."""
+        size = moving_most(rig, rig.body.translations(self.at))
+        return tuple(place for place, moved in size.items() if place != self.at and moved > HARDLY * max(size.values()))
 
     @staticmethod
     def inertia(values: Mapping[str, float]) -> float:
