@@ -35,7 +35,7 @@ class Scales:
     """Physical scales of a contact.
 
     Friction coefficient, stiffness [N/m], load [N]; median, least and largest peak of slip speed over the records that
-    slip [m/s]; Omega [rad/s].
+    slip [m/s]; Omega [rad/s]. Where none slips, the largest |T| / R that was seen; else 0.
     """
 
     mu: float
@@ -45,6 +45,7 @@ class Scales:
     slowest: float
     fastest: float
     Omega: float
+    sticks_at: float = 0.0
 
     def of(self, name: str, known: Parameter) -> float | None:
         """Scale of a parameter by its unit, None where nothing is known."""
@@ -81,6 +82,7 @@ def scales_of(reconstruction: Reconstruction) -> Scales:
         float(speeds.min()),
         float(speeds.max()),
         Omega,
+        0.0 if slips.any() else float(ratio.max()),
     )
 
 

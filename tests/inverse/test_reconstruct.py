@@ -6,6 +6,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from hbm.errors import InputError
+from hbm.identification.start import scales_of
 from hbm.inverse.contact import Contact
 from hbm.inverse.contactforce import prior
 from hbm.inverse.reconstruct import reconstruct
@@ -312,6 +313,8 @@ def test_the_mean_that_a_stuck_contact_keeps_is_in_the_bands_of_the_rest() -> No
     over = (friction.samples - wanted) / friction.std
     assert between(over, len(truths)), over
     assert np.sqrt(np.mean(np.abs(off) ** 2 / 2)) > 5 * np.median(found.resolution[:, 1])
+    most = np.max(np.abs(friction.samples) / found["normal"].samples)
+    assert scales_of(found).sticks_at == pytest.approx(most)  # no fit knows a limit beyond it
 
 
 @pytest.mark.parametrize("channels", [("a1", "a2", "a3", "a4", "a5", "a6"), ("a2", "a5")])
