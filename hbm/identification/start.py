@@ -154,7 +154,7 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
         The rig's law: a law of its class takes over its settings.
     scales : Scales
     hold : iterable of str
-        Parameters that are not fitted, wherever a law has them.
+        Parameters that are not fitted, wherever a law has them, or of one law, ``stribeck.exponent``.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
     template = given or (rig_law if type(rig_law) is law_type else None)
     known = template or _known(law_type)
     described = {name: p for name, p in describe(law_type).items() if known is None or name not in idle(known)}
-    free = [name for name in described if name not in set(hold)]
+    free = [name for name in described if not {name, f"{law_type.name}.{name}"} & set(hold)]
     if not free:
         raise InputError(f"identify: law {label} has no parameter to fit; take another")
     first = {name: _first(name, p, scales, given, known, law_type) for name, p in described.items()}

@@ -1,6 +1,7 @@
 """Fits to made-up contacts whose law is known."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from contacts import SCALES, fed_back, jenkins, motions, observed, of_law
 from hbm.errors import InputError
 from hbm.fourier import FourierBasis
 from hbm.identification.fit import LeastSquares, fit, uncertainty
+from hbm.identification.identify import HELD
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.start import candidate
 from models import LAWS, Coulomb, Dahl, Hybrid, Iwan, Jenkins, Karnopp, LuGre, SpringDamper, Stribeck
@@ -186,6 +188,13 @@ def test_law_too_stiff_to_be_solved_is_given_up_at_once():
     problem = LeastSquares(candidate(law, law, SCALES, ()), made)
     (answer,) = problem.answers(problem.candidate.x)
     assert not answer.balanced and problem.model.evaluations <= 3
+
+
+def test_the_exponent_of_the_stribeck_law_alone_is_held():
+    own = Path(__file__).parents[2] / "examples" / "bouc_wen.py"
+    law = Jenkins(mu=0.47, critical_slip=4.4e-6)
+    made = [candidate(name, law, SCALES, HELD) for name in ("stribeck", f"{own}:BoucWen")]
+    assert ["exponent" in of.coordinates.free for of in made] == [False, True]
 
 
 def test_law_without_parameters_is_refused():
