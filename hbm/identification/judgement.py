@@ -55,7 +55,8 @@ def _reasons(coordinates: Coordinates, x: Array, std_x: Array, std: dict[str, fl
         if p.at_least is not None and x[i] - low[i] < 2 * std_x[i]:
             reasons[name] = f"within 2 std of {p.at_least}, which it cannot fall below"
         elif not p.strict and x[i] - low[i] < 2 * std_x[i]:
-            reasons[name] = f"within 2 std of {p.lower:g}, no effect of it is seen"
+            why = "no effect of it is seen" if p.lower == 0.0 else "which it cannot fall below"
+            reasons[name] = f"within 2 std of {p.lower:g}, {why}"
         elif at_bound:
             reasons[name] = "at the end of the range it was looked for in"
         elif 2 * std[name] > abs(values[name]):

@@ -197,6 +197,18 @@ def test_the_exponent_of_the_stribeck_law_alone_is_held():
     assert ["exponent" in of.coordinates.free for of in made] == [False, True]
 
 
+def test_a_parameter_at_a_lower_bound_that_is_not_zero_has_an_effect():
+    of = candidate("iwan", Iwan(mu=0.47, stiffness=7e6, spread=0.0), SCALES, ())
+    beta = candidate(f"{Path(__file__).parents[2] / 'examples' / 'bouc_wen.py'}:BoucWen", of.law, SCALES, ())
+    for made, name, said in (
+        (of, "spread", "within 2 std of 0, no effect of it is seen"),
+        (beta, "beta", "within 2 std of 0.5, which it cannot fall below"),
+    ):
+        x = made.coordinates.of(parameters(made.law) | {name: 0.5 * (name == "beta")})
+        found = fitted_parameters(made.coordinates, x, 1e-4 * np.eye(len(x)), SCALES)
+        assert found[name].undetermined == said
+
+
 def test_law_without_parameters_is_refused():
     with pytest.raises(InputError, match=r"^identify: law none has no parameter to fit; take another$"):
         candidate("none", TRUTHS["dahl"], SCALES, ())
