@@ -121,7 +121,7 @@ def plot_law_loops(
     for record, ax in zip(chosen, found, strict=True):
         _draw_laws(ax, reconstruction, predicted, slip or {}, reconstruction.index(record))
     label_all(found, *loop_labels(reconstruction))
-    legend_above(found, found[0].get_legend_handles_labels()[0], ncols=4)
+    legend_above(found, found[0].get_legend_handles_labels()[0], ncols=3)
     return found
 
 
@@ -142,7 +142,7 @@ def _draw_laws(ax: Axes, reconstruction: "Reconstruction", predicted: Predicted,
     for n, (law, forces) in enumerate(predicted.items()):
         style = law_style(n) | {"marker": ""}
         own = slips[law][i] * by if law in slips else u
-        ax.plot(closed(own), closed(forces[i] * by_force), linewidth=1.2, zorder=3, label=law, **style)
+        ax.plot(closed(own), closed(forces[i] * by_force), linewidth=1.2, zorder=3, label=as_written(law), **style)
     ax.autoscale_view()
     ax.xaxis.set_major_locator(MaxNLocator(4))
     dressed(ax, "", "")
@@ -188,14 +188,14 @@ def plot_law_residuals(
     right.axhline(1.0, color="0.5", linewidth=0.9)
     for n, (law, (rms, relative)) in enumerate(found.items()):
         for ax, values in ((left, scale * rms), (right, relative)):
-            ax.plot(k, values, linewidth=1.1, markersize=3.5, label=law, **law_style(n))
+            ax.plot(k, values, linewidth=1.1, markersize=3.5, label=as_written(law), **law_style(n))
     for ax, least in ((left, scale * float(noise[noise > 0.0].min(initial=1.0))), (right, 1.0)):
         logarithmic(ax.yaxis)
         ax.set_ylim(bottom=0.05 * least)
         ax.set_xticks(k[:: 1 + len(k) // 12])
     dressed(left, HARMONIC, f"Residual, rms [{unit}]")
     dressed(right, HARMONIC, "Residual / resolution")
-    legend_above(pair, left.get_legend_handles_labels()[0], ncols=4)
+    legend_above(pair, left.get_legend_handles_labels()[0], ncols=3)
     return pair
 
 

@@ -63,10 +63,12 @@ class Comparison:
     def __repr__(self) -> str:
         """List the laws, then the verdict."""
         width = max(len(r.name) for r in self.ranking)
-        head = f"    {'law':<{width}}  {'d chi2':>10}  {'d BIC':>10}  {'held out, d chi2':>20}"
+        scored = not any(np.isnan(r.held_out_excess) for r in self.ranking)
+        head = f"    {'law':<{width}}  {'d chi2':>10}  {'d BIC':>10}"
+        head += f"  {'held out, d chi2':>20}" if scored else ""
         rows = [
-            f"    {r.name:<{width}}  {r.delta_chi2:>10.4g}  {r.delta_bic:>10.4g}  "
-            f"{r.held_out_excess:>10.4g} +/- {r.held_out_error:<6.2g}"
+            f"    {r.name:<{width}}  {r.delta_chi2:>10.4g}  {r.delta_bic:>10.4g}"
+            + (f"  {r.held_out_excess:>10.4g} +/- {r.held_out_error:<6.2g}" if scored else "")
             for r in self.ranking
         ]
         return "\n".join(["[[Comparison]]", head, *rows, self.verdict])

@@ -25,7 +25,7 @@ from models.rig import Rig
 LAWS = ("coulomb-penalty", "stribeck", "dahl", "lugre")
 """Laws that the paper identifies."""
 
-HELD = ("exponent",)
+HELD = ("stribeck.exponent",)
 """Parameters that are not fitted unless asked for: the paper prescribes the exponent of the Stribeck law."""
 
 FOLDS = 5
@@ -105,7 +105,7 @@ def identify(
         Records that no fit sees and all are scored on. Where omitted, each fifth of the records is held out in turn,
         with parameters one Gauss-Newton step from those of all records.
     hold : iterable of str
-        Parameters that are not fitted, wherever a law has them.
+        Parameters that are not fitted, wherever a law has them, or of one law, as ``stribeck.exponent``.
     by_level : bool
         Fit the records of each nominal force by themselves too.
     on_progress : callable, optional
@@ -187,8 +187,9 @@ def _candidates(
         if labels.count(label) > 1:
             raise InputError(f"identify: law {label} is named twice; must be once")
     known = {name for c in made for name in c.coordinates.parameters}
+    of_laws = {f"{c.law.name}.{name}" for c in made for name in c.coordinates.parameters}
     for name in hold:
-        if name not in known and name not in HELD:
+        if name not in known | of_laws and name not in HELD:
             raise InputError(
                 f"identify: no law has a parameter {name} to hold; parameters are {', '.join(sorted(known))}"
             )

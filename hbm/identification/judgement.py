@@ -28,7 +28,7 @@ def fitted_parameters(coordinates: Coordinates, x: Array, covariance: Array, sca
     values, std = coordinates.values(x), np.sqrt(np.diag(of_parameters))
     reasons = _reasons(
         coordinates, x, np.sqrt(np.diag(covariance)), dict(zip(coordinates.parameters, std, strict=True))
-    )
+    ) | _not_reached(coordinates, scales)
     speeds = f"; slip speeds in these records peak between {scales.slowest:.2g} and {scales.fastest:.2g} m/s"
     entries = tuple(
         FittedParameter(
@@ -55,9 +55,18 @@ def _reasons(coordinates: Coordinates, x: Array, std_x: Array, std: dict[str, fl
         if p.at_least is not None and x[i] - low[i] < 2 * std_x[i]:
             reasons[name] = f"within 2 std of {p.at_least}, which it cannot fall below"
         elif not p.strict and x[i] - low[i] < 2 * std_x[i]:
-            reasons[name] = f"within 2 std of {p.lower:g}, no effect of it is seen"
+            why = "no effect of it is seen" if p.lower == 0.0 else "which it cannot fall below"
+            reasons[name] = f"within 2 std of {p.lower:g}, {why}"
         elif at_bound:
             reasons[name] = "at the end of the range it was looked for in"
-        elif std[name] > abs(values[name]):
-            reasons[name] = "its std exceeds its value"
+        elif 2 * std[name] > abs(values[name]):
+            reasons[name] = "its std exceeds its value" if std[name] > abs(values[name]) else "within 2 std of 0"
     return reasons
+
+
+def _not_reached(coordinates: Coordinates, scales: Scales) -> dict[str, str]:
+    """Reasons why limits of friction are not determined where no record slips: no linear deviation says so."""
+    if not scales.sticks_at:
+        return {}
+    limits = [name for name in coordinates.free if coordinates.parameters[name].unit == "1" and name.startswith("mu")]
+    return dict.fromkeys(limits, f"no record slips, friction is seen up to {scales.sticks_at:.2g} times the reaction")

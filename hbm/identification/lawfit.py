@@ -45,7 +45,7 @@ class FittedParameter:
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.held:
             return f"{self.value:.6g}{unit} (held)"
-        relative = f" ({self.std / abs(self.value):.2%})" if self.value else ""
+        relative = f" ({self.std / abs(self.value):.2%})" if self.std < 10.0 * abs(self.value) else ""
         note = f"  not determined: {self.undetermined}" if self.undetermined else ""
         return f"{self.value:.6g} +/- {self.std:.2g}{unit}{relative}{note}"
 
@@ -278,7 +278,8 @@ class LawFit:
 
     def __repr__(self) -> str:
         """Report in the manner of lmfit."""
-        lines = [f"[[Law]] {self.name}, {len(self.records)} records", str(self.quality)]
+        records = f"{len(self.records)} record{'s' * (len(self.records) > 1)}"
+        lines = [f"[[Law]] {self.name}, {records}", str(self.quality)]
         lines.append(f"    objective (24)     = {self.objective:.4g} N2 per record")
         if self.held_out is not None:
             lines.append(f"    {self.held_out}")

@@ -35,7 +35,7 @@ class Scales:
     """Physical scales of a contact.
 
     Friction coefficient, stiffness [N/m], load [N]; median, least and largest peak of slip speed over the records that
-    slip [m/s]; Omega [rad/s].
+    slip [m/s]; Omega [rad/s]. Where none slips, the largest |T| / R that was seen; else 0.
     """
 
     mu: float
@@ -45,6 +45,7 @@ class Scales:
     slowest: float
     fastest: float
     Omega: float
+    sticks_at: float = 0.0
 
     def of(self, name: str, known: Parameter) -> float | None:
         """Scale of a parameter by its unit, None where nothing is known."""
@@ -81,6 +82,7 @@ def scales_of(reconstruction: Reconstruction) -> Scales:
         float(speeds.min()),
         float(speeds.max()),
         Omega,
+        0.0 if slips.any() else float(ratio.max()),
     )
 
 
@@ -152,7 +154,7 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
         The rig's law: a law of its class takes over its settings.
     scales : Scales
     hold : iterable of str
-        Parameters that are not fitted, wherever a law has them.
+        Parameters that are not fitted, wherever a law has them, or of one law, ``stribeck.exponent``.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
     template = given or (rig_law if type(rig_law) is law_type else None)
     known = template or _known(law_type)
     described = {name: p for name, p in describe(law_type).items() if known is None or name not in idle(known)}
-    free = [name for name in described if name not in set(hold)]
+    free = [name for name in described if not {name, f"{law_type.name}.{name}"} & set(hold)]
     if not free:
         raise InputError(f"identify: law {label} has no parameter to fit; take another")
     first = {name: _first(name, p, scales, given, known, law_type) for name, p in described.items()}

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import erf
 
 from hbm.fourier import Array
 from hbm.inverse.contactforce import (
@@ -162,6 +163,22 @@ class Contact:
         by_v[:, 1:] /= 2
         change = by_R[..., None] * self._deviations("normal") + by_v[..., None] * self._deviations("slip_velocity")
         return Estimates((R * np.abs(v)).mean(axis=1), np.linalg.norm(change, axis=(1, 2)), "W")
+
+    @property
+    def work_unseen(self) -> Array:
+        """Root of the mean square of what harmonics above those measured do to the work rate [W], (r,).
+
+        They turn the velocity where it is small, and so add to |v| there whatever their phases: E|v + d| of a normal
+        d is |v| and more. To first order they act through the harmonics of R sign(v), smoothed alike, and of |v|.
+        """
+        unseen, k = self.unseen, self.unseen.harmonics
+        R, v = np.maximum(self.samples["normal"], 0.0), self.samples["slip_velocity"]
+        size = np.maximum(unseen.std["slip_velocity"], 1e-100)[:, None]  # 0 where none is expected
+        sign = erf(v / (np.sqrt(2.0) * size))
+        more = v * sign + size * np.sqrt(2.0 / np.pi) * np.exp(-((v / size) ** 2) / 2.0) - np.abs(v)
+        by_v, by_R = (to_amplitudes(s, k[-1])[:, k].conj() / 2.0 for s in (R * sign, np.abs(v)))
+        change = (by_v * unseen.gains["slip_velocity"] + by_R * unseen.gains["normal"]) * unseen.friction
+        return np.asarray(np.hypot(np.linalg.norm(change, axis=1), (R * more).mean(axis=1)))
 
     # ---- for friction laws
 

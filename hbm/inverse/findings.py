@@ -16,6 +16,12 @@ from models.rig import Rig
 DEAD = 0.05
 """A channel is called dead that reads less than this share of what the others imply."""
 
+FORCE_FREE = (
+    f"force: not measured; its fundamental is free within {UNKNOWN_FORCE:g} times the level, its phase unknown, its "
+    "higher harmonics count as zero"
+)
+"""The warning where no channel measured the force."""
+
 
 def sentence(fault: Fault, rig: Rig, before: Readings, after: Readings) -> str:
     """Sentence about a fault, with the misfit of the sensors before and after."""
@@ -121,10 +127,7 @@ def assumed(rig: Rig, spectra: MeasuredSpectra) -> Iterator[str]:
     """Assumptions about signals that some channels did not measure; together where they lack the same harmonics."""
     force = rig.force_among(spectra.channels)
     if force is None:
-        yield (
-            f"force: not measured; its fundamental is free within {UNKNOWN_FORCE:g} times the level, its phase "
-            "unknown, its higher harmonics count as zero"
-        )
+        yield FORCE_FREE
     measured = {name: spectra.measured[:, i, 1:] for i, name in enumerate(spectra.channels)}
     responses = [name for name in spectra.channels if name != force]
     nobody = [k for k in range(spectra.H) if not any(measured[name][:, k].any() for name in responses)]

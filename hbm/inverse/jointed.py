@@ -19,6 +19,7 @@ from hbm.inverse.contactforce import Indices, decay, last_counted, prior
 from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent, widening
 from hbm.inverse.jointsensors import joint_sensors
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
+from hbm.inverse.sensing import UNKNOWN_FORCE
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
 from models.jointedstructure import JointedStructure
@@ -26,8 +27,8 @@ from models.parts import Channel
 
 Complex = npt.NDArray[np.complex128]
 
-KNOWN = 1e-9
-"""Standard deviation of a force that is nominal, as a fraction of the largest."""
+ABSENT = 1e-9
+"""Standard deviation of harmonics of the force that count as zero, as a fraction of the largest level."""
 
 TOLD_APART = 1e-10
 """Forces are told apart where the least singular value of what sensors read of them exceeds this of the largest."""
@@ -66,7 +67,7 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     ----------
     rig : JointedRig
     spectra : MeasuredSpectra
-        Spectra of response channels and, if measured, the force; else the force is the nominal cosine of its level.
+        Spectra of response channels and, if measured, the force; else its fundamental is one more unknown.
 
     Raises
     ------
@@ -276,16 +277,14 @@ def _times(matrices: Complex, vectors: Complex) -> Complex:
 
 def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:
     """Complex coefficients of the excitation and the standard deviations of cosine and sine, (r, H+1) each."""
-    name = rig.force_among(spectra.channels)
-    if name is None:
-        nominal = np.zeros((len(spectra), spectra.H + 1), dtype=complex)
-        for k, cosine, sine in rig.excitation.tones:
-            if k <= spectra.H:
-                nominal[:, k] = spectra.level * (cosine - 1j * sine)
-        return nominal, np.full(nominal.shape, KNOWN * float(np.abs(nominal).max()))
-    found, std = spectra.complex(name), spectra.std[:, spectra.index(name)]
-    known = np.isfinite(std)
-    return np.where(known, found, 0.0), np.where(known, std, KNOWN * float(np.nanmax(np.abs(found))))
+    name, level = rig.force_among(spectra.channels), spectra.level[:, None]
+    found = np.zeros((len(spectra), spectra.H + 1), dtype=complex)
+    std = np.full(found.shape, np.nan)
+    if name is not None:
+        found, std = spectra.complex(name), spectra.std[:, spectra.index(name)]
+    tones = np.isin(np.arange(spectra.H + 1), [k for k, _, _ in rig.excitation.tones])
+    known, absent = np.isfinite(std), np.where(tones, UNKNOWN_FORCE * level, ABSENT * level.max())
+    return np.where(known, found, 0.0), np.where(known, std, absent)
 
 
 class _LeftOut(NamedTuple):

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy import special
 
 from hbm.fourier import Array
+from hbm.inverse.findings import FORCE_FREE
 from hbm.inverse.reconstruction import (
     CONSISTENT,
     EstimatedSignal,
@@ -95,6 +96,8 @@ class JointReconstruction(Reconstructed):
     def warnings(self) -> tuple[str, ...]:
         """Warnings with numbers, a line each."""
         said, found = [*self.spectra.silent, *self.findings], self.found[:, 1:]
+        if self.rig.force_among(self.spectra.channels) is None:
+            said.append(FORCE_FREE)
         missing = np.flatnonzero(~found.all(axis=0)).tolist()
         if missing:
             said.append(

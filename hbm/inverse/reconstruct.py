@@ -161,6 +161,7 @@ def _reconstruction(contact: Contact, other: Contact, formulation: str, slips: n
     signals = {name: _signal(contact, other, name, inflation, slips) for name in SIGNALS}
     energy, work = contact.energy, contact.work_rate
     energy_std = np.hypot(energy.std * inflation, other.energy.value - energy.value)
+    work_std = np.hypot(work.std * inflation, other.work_rate.value - work.value)
     return Reconstruction(
         rig=seen.rig,
         spectra=seen.spectra,
@@ -168,7 +169,7 @@ def _reconstruction(contact: Contact, other: Contact, formulation: str, slips: n
         signals=signals,
         slips=slips,
         energy_per_cycle=Estimates(energy.value, np.hypot(energy_std, contact.unseen.energy), "J"),
-        work_rate=Estimates(work.value, work.std * inflation, "W"),
+        work_rate=Estimates(work.value, np.hypot(work_std, contact.work_unseen), "W"),
         misfit=misfit,
         residual=_residual(seen, estimate),
         resolution=estimate.resolution,

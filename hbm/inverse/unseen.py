@@ -3,6 +3,7 @@
 A harmonic that meets a mode of the structure moves the contact many times as much as it otherwise would, and so makes
 the friction that drives it: stick and slip at the frequency of the mode. That is no tail of a smooth loop. There
 friction may be as large as if it jumped from the last harmonic measured on, and even harmonics as large as odd ones.
+A contact that sticks for a part of the period stiffens the mode: the same holds up to the frequency it then has.
 """
 
 from collections.abc import Mapping
@@ -21,6 +22,9 @@ AMPLIFIED = 25.0
 
 SATURATED = 150.0
 """From here on the motion grows no more: friction opposes what it excites."""
+
+HELD = 1.5
+"""A harmonic meets a mode that the contact stiffens where friction is so many times what causes it, rms."""
 
 RELEVANT = 0.1
 """Such a harmonic is told where it may be this share of the alternating part of a signal, rms."""
@@ -59,7 +63,26 @@ class Unseen:
         expected, H = self.estimate.expected(self.harmonics), self.sensing.H
         last = self.estimate.expected(np.array([H, H + 1])).max(axis=1)  # an even and an odd one
         jumping = last[:, None] * H / self.harmonics * np.minimum(SATURATED / self.amplified, 1.0)
-        return np.where(self.amplified > AMPLIFIED, np.maximum(expected, jumping), expected)
+        return np.where(self.meets, np.maximum(expected, jumping) * np.maximum(self.held, 1.0), expected)
+
+    @property
+    def meets(self) -> npt.NDArray[np.bool_]:
+        """Whether a harmonic meets a mode, (r, K)."""
+        return np.asarray((self.amplified > AMPLIFIED) | (self.held > HELD))
+
+    @cached_property
+    def held(self) -> Array:
+        """How many times what causes it friction is where the contact holds the motion, rms, (r, K).
+
+        A contact of stiffness s c, the share s anything between 0 and 1, makes it 1 / (1 + s z) times as large, z being
+        c times the slip per friction. The mean of the square over s is arg(1 + z) / Im z. c is that of the fundamental.
+        """
+        row = signal_rows(self.sensing, self.sensing.i_omega[:, 1:2])["slip"][:, 0]
+        T, state = self.estimate.friction[:, 1], self.estimate
+        slip = np.einsum("rj,rj->r", row, np.concatenate([np.stack([T, state.force[:, 1]], axis=1), state.q[:, 1]], 1))
+        z = -(T / np.where(slip == 0.0, np.inf, slip))[:, None] * self.gains["slip"]
+        z.imag[np.abs(z.imag) < 1e-12] = 1e-12  # the limit, where nothing is lost
+        return np.minimum(np.sqrt(np.angle(1.0 + z) / z.imag), SATURATED)
 
     @property
     def amplified(self) -> Array:
@@ -112,17 +135,19 @@ class Unseen:
         r, i = np.unravel_index(int(most.argmax()), most.shape)
         mode, s, spectra = int(self._amplification[r, i].argmax()), self.sensing.structure, self.sensing.spectra
         k, said = int(self.harmonics[i]), [f"{100 * share[n][r, i]:.0f} % of the {SIGNALS[n]}" for n in SIGNALS]
+        at = f"at {s.omega_n[mode] / (2 * np.pi):.4g} Hz"
+        stiffened = "" if self.amplified[r, i] > AMPLIFIED else ", as the contact stiffens it"
         beside = f", the like in {records} of {len(most)} records" if records > 1 else ""
         return [
             f"record {spectra.labels[r]}: harmonic {k}, {k * spectra.hz[r]:.4g} Hz, was not measured and meets mode "
-            f"{mode + 1} at {s.omega_n[mode] / (2 * np.pi):.4g} Hz: it may be {' and '.join(said)}, rms{beside}; "
+            f"{mode + 1} {at}{stiffened}: it may be {' and '.join(said)}, rms{beside}; "
             f"measure harmonics up to {self._last(most)}"
         ]
 
     def _share(self, name: str, samples: Array) -> Array:
         """Size of harmonics that meet a mode beside the alternating part of a signal, (r, K)."""
         size = np.abs(self.gains[name]) * self.friction / np.maximum(samples.std(axis=1), np.finfo(float).tiny)[:, None]
-        return np.where(self.amplified > AMPLIFIED, size, 0.0)
+        return np.where(self.meets, size, 0.0)
 
     def _last(self, share: Array) -> int:
         """The last harmonic that matters in any record."""

@@ -39,3 +39,8 @@ def test_parameters_count_against_what_all_laws_miss() -> None:
     found = compared(two=303_000.0, five=300_000.0)
     assert found.ranking[0].name == "two"
     assert found.ranking[1].bic > found.ranking[0].bic
+
+
+def test_laws_that_no_record_was_held_out_for_have_no_column_of_it() -> None:
+    text = repr(compared(two=205.0, five=200.0))
+    assert "d BIC" in text and "held out" not in text and "nan" not in text

@@ -1,6 +1,7 @@
 """Fits to made-up contacts whose law is known."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from contacts import SCALES, fed_back, jenkins, motions, observed, of_law
 from hbm.errors import InputError
 from hbm.fourier import FourierBasis
 from hbm.identification.fit import LeastSquares, fit, uncertainty
+from hbm.identification.identify import HELD
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.start import candidate
 from models import LAWS, Coulomb, Dahl, Hybrid, Iwan, Jenkins, Karnopp, LuGre, SpringDamper, Stribeck
@@ -138,9 +140,17 @@ def test_parameter_that_the_records_do_not_determine_is_said_to_be_so():
     found = fitted_parameters(of.coordinates, judged.x, uncertainty(problem.candidate, judged.jacobian), SCALES)
     assert {e.name for e in found.entries if e.undetermined} & {"mu_static", "mu", "stribeck_velocity"}
     assert "not determined" in str(found)
-    share = np.exp(-((4e-3 / found["stribeck_velocity"].value) ** 2))
-    acting = found["mu"].value + (found["mu_static"].value - found["mu"].value) * share
-    assert acting == pytest.approx(0.47, rel=2e-3)
+
+
+def test_limits_of_friction_are_not_determined_where_no_record_slips_nor_what_is_within_two_deviations_of_zero():
+    # of a contact that sticks a local fit may state 0.40 +- 0.01 for a coefficient of 0.5
+    of = candidate("coulomb-penalty", Jenkins(mu=0.5, critical_slip=4e-6), SCALES, ())
+    covariance = np.diag([0.02, 0.7]) ** 2  # of logarithms
+    slides, sticks = (
+        fitted_parameters(of.coordinates, of.x, covariance, replace(SCALES, sticks_at=at)) for at in (0.0, 0.43)
+    )
+    assert [e.undetermined for e in slides.entries] == ["", "within 2 std of 0"]
+    assert sticks["mu"].undetermined == "no record slips, friction is seen up to 0.43 times the reaction"
 
 
 def test_static_coefficient_never_falls_below_the_kinetic_one():
@@ -178,6 +188,25 @@ def test_law_too_stiff_to_be_solved_is_given_up_at_once():
     problem = LeastSquares(candidate(law, law, SCALES, ()), made)
     (answer,) = problem.answers(problem.candidate.x)
     assert not answer.balanced and problem.model.evaluations <= 3
+
+
+def test_the_exponent_of_the_stribeck_law_alone_is_held():
+    own = Path(__file__).parents[2] / "examples" / "bouc_wen.py"
+    law = Jenkins(mu=0.47, critical_slip=4.4e-6)
+    made = [candidate(name, law, SCALES, HELD) for name in ("stribeck", f"{own}:BoucWen")]
+    assert ["exponent" in of.coordinates.free for of in made] == [False, True]
+
+
+def test_a_parameter_at_a_lower_bound_that_is_not_zero_has_an_effect():
+    of = candidate("iwan", Iwan(mu=0.47, stiffness=7e6, spread=0.0), SCALES, ())
+    beta = candidate(f"{Path(__file__).parents[2] / 'examples' / 'bouc_wen.py'}:BoucWen", of.law, SCALES, ())
+    for made, name, said in (
+        (of, "spread", "within 2 std of 0, no effect of it is seen"),
+        (beta, "beta", "within 2 std of 0.5, which it cannot fall below"),
+    ):
+        x = made.coordinates.of(parameters(made.law) | {name: 0.5 * (name == "beta")})
+        found = fitted_parameters(made.coordinates, x, 1e-4 * np.eye(len(x)), SCALES)
+        assert found[name].undetermined == said
 
 
 def test_law_without_parameters_is_refused():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from hbm.inverse.reconstruct import reconstruct
+from hbm.inverse.contact import contact_of
+from hbm.inverse.reconstruct import FORMULATIONS, reconstruct
+from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Channel, Damping
 from models.published import paper_rig
@@ -60,6 +62,29 @@ def test_bands_hold_what_a_harmonic_does_that_meets_a_mode(truth: Truth) -> None
         square = np.mean((off / signal.std)[meets] ** 2, axis=1)
         most = chi2.ppf(0.995, 2 * len(square)) / (2 * len(square))
         assert square.mean() < most, (name, np.sqrt(square))
+
+
+def test_the_work_rate_errs_by_what_is_said_where_harmonics_above_turn_the_velocity(truth: Truth) -> None:
+    """The mean of R |v| over all of the motion, of which nine harmonics saw a part."""
+    found = reconstruct(RIG, spectra(truth, 9))
+    path = np.abs(np.roll(truth.u, -1, axis=1) - truth.u)
+    exact = np.array([r.hz for r in truth.records]) * np.sum(
+        (truth.R + np.roll(truth.R, -1, axis=1)) / 2 * path, axis=1
+    )
+    counted = truth.usable & found.slips
+    pull = ((found.work_rate.value - exact) / found.work_rate.std)[counted]
+    assert np.sum(pull**2) < chi2.ppf(0.995, len(pull)), pull
+    assert (found.work_rate.std < 0.5 * exact)[counted].all()
+
+
+def test_a_contact_that_holds_the_motion_amplifies_friction_by_the_mean_over_its_stiffness(truth: Truth) -> None:
+    seen = sensing(RIG, spectra(truth, 9))
+    unseen = contact_of(seen, FORMULATIONS["regularised"](seen, np.zeros(len(truth.records)))).unseen
+    T, u = (2 * np.fft.rfft(x)[:, 1] / x.shape[1] for x in (truth.T, truth.u))
+    s = np.linspace(0, 1, 20001)[:, None, None]
+    square = np.mean(1 / np.abs(1 - s * (T / u)[:, None] * unseen.gains["slip"]) ** 2, axis=0)
+    np.testing.assert_allclose(unseen.held[truth.usable], np.sqrt(square)[truth.usable], rtol=0.05)
+    assert 1.5 < unseen.held[truth.usable].max() < 100.0
 
 
 def test_the_mode_is_named_and_the_harmonics_that_tell(truth: Truth) -> None:

@@ -116,6 +116,22 @@ def test_a_record_of_noise_alone_is_named(solution: object) -> None:
     assert line == "record 2 of made: every channel reads noise alone; was the shaker off?"
 
 
+def test_without_a_force_channel_its_fundamental_is_one_more_unknown(solution: object) -> None:
+    """Phases are counted from anywhere then: forces turn along with the responses, and err by what is stated."""
+    spectra, turn = _spectra(solution, 100).without("force"), np.exp(1j * np.arange(H + 1))
+    c = np.stack([spectra.complex(name) for name in spectra.channels], axis=1) * turn
+    turned = replace(spectra, coefficients=np.concatenate([c.real, -c.imag[..., 1:]], axis=2))
+    found = reconstruct_joints(RIG, turned)
+    assert found.warnings[0].startswith("force: not measured; its fundamental is free within 10 times the level")
+    for name in RIG.forces:
+        exact = _kept(solution[name].coefficients)
+        exact = (exact[1 : H + 1] - 1j * exact[H + 1 :]) * turn[1:]
+        pulls = (found[name].complex[:, 1:] - exact) / found[name].coefficient_std[:, 1:]
+        assert np.sqrt(np.mean(np.abs(pulls) ** 2) / 2) == pytest.approx(1.0, abs=0.1), name
+    few = reconstruct_joints(RIG, turned.select(channels=["a1", "a3", "a5"]))
+    assert (few["rub.force"].coefficient_std[:, 1] > 1.0).all()  # of 2 N: nothing tells them from the force
+
+
 def test_as_many_sensors_as_forces_leave_nothing_to_check(solution: object) -> None:
     found = reconstruct_joints(RIG, _spectra(solution, 2).select(channels=["a1", "a3", "a5", "force"]))
     assert found.warnings == ("as many sensors as joint forces: nothing is left to check the body by",)
