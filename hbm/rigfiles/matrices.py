@@ -2,6 +2,8 @@
 
 import re
 import warnings
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,6 +15,7 @@ from hbm.errors import InputError
 from hbm.measurement.matfile import load_mat
 from hbm.measurement.npzfile import load_npz
 from hbm.textfiles import StrPath, damage, refuse_endless, why
+from models.bodies.matrixchecks import real
 
 Matrix = Any  # of scipy.sparse, which has no types
 ENDINGS = (".npz", ".mtx", ".mat")
@@ -33,11 +36,12 @@ def read_matrix(path: StrPath, key: str | None = None) -> Matrix:
         ``.npz`` of :func:`scipy.sparse.save_npz` or of named arrays, ``.mat`` (v5 to v7), or ``.mtx``, Matrix Market or
         the text of :func:`read_abaqus`.
     key : str, optional
-        Name of the array in an ``.npz`` or ``.mat`` that has several.
+        Name of the array in an ``.npz`` or ``.mat`` that has several; ``model.K`` of a struct `model`.
 
     Returns
     -------
     (m, n) sparse array
+        The whole of a square matrix of which either half is given.
 
     Raises
     ------
@@ -212,7 +216,18 @@ def _mat(path: StrPath, key: str | None) -> Matrix:
         raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file, v5 to v7") from None
-    return _named(path, {name: value for name, value in variables.items() if not name.startswith("__")}, key)
+    arrays = (_fields_of(name, value) for name, value in variables.items() if not name.startswith("__"))
+    return _named(path, dict(chain.from_iterable(arrays)), key)
+
+
+def _fields_of(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """A variable of a MAT file by its name, and each field of a struct as ``name.field``."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    if fields is None or value.size != 1:
+        yield name, value
+        return
+    for field in fields:
+        yield from _fields_of(f"{name}.{field}", value[field].item())
 
 
 def _named(path: StrPath, arrays: dict[str, Any], key: str | None) -> Matrix:
@@ -225,12 +240,14 @@ def _named(path: StrPath, arrays: dict[str, Any], key: str | None) -> Matrix:
 
 
 def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
-    """What was found as a sparse array."""
+    """What was found as a sparse array, the whole of it where it is either half of a square one."""
+    found = real(found)
     kind = getattr(getattr(found, "dtype", None), "kind", "O")
     if kind not in "iufb" or len(getattr(found, "shape", ())) != 2:
         shape = " x ".join(str(n) for n in getattr(found, "shape", ())) or "no"
         what = {"c": "complex", "O": "not numbers", "U": "text"}.get(kind, "numbers")
-        raise InputError(f"{path}:{name} is {what}, {shape} entries; must be a matrix of real numbers")
+        lossy = "; losses of a material are damping ratios of half its loss factor" if kind == "c" else ""
+        raise InputError(f"{path}:{name} is {what}, {shape} entries; must be a matrix of real numbers{lossy}")
     if max(found.shape) > LARGEST:
         raise InputError(f"{path}:{name} has {max(found.shape)} rows or columns; must have {LARGEST} at most")
     try:
@@ -238,4 +255,12 @@ def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
             found.check_format(full_check=True)
     except ValueError:
         raise InputError(f"{path}:{name} has indices beyond its size; must be a matrix of real numbers") from None
-    return sparse.csc_array(found, dtype=float)
+    return _whole(sparse.csc_array(found, dtype=float))
+
+
+def _whole(matrix: Matrix) -> Matrix:
+    """Both halves of a matrix of which nothing but either is given: no other is symmetric."""
+    above, below = sparse.triu(matrix, 1), sparse.tril(matrix, -1)
+    if matrix.shape[0] != matrix.shape[1] or bool(above.count_nonzero()) == bool(below.count_nonzero()):
+        return matrix
+    return sparse.csc_array(matrix + above.T + below.T)

@@ -17,6 +17,7 @@ from models.bodies.matrixchecks import (
     exchanged,
     refuse_asymmetry,
     refuse_indefinite,
+    refuse_nothing,
     refuse_size,
     size,
     some,
@@ -112,6 +113,7 @@ class MatrixBody(Elastic):
         for name in ("mass", "damping_matrix"):
             if (given := getattr(self, name)) is not None:
                 refuse_indefinite(name, given, self.dofs)
+        refuse_nothing(self.stiffness, self.mass, self.dofs, self._free)
         self._refuse_settings()
 
     def _refuse_settings(self) -> None:

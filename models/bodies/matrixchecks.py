@@ -32,10 +32,14 @@ def size(matrix: Matrix) -> str:
     return " x ".join(str(n) for n in matrix.shape)
 
 
+def real(given: Any) -> Any:
+    """What is stored as complex numbers without imaginary parts, as real ones; anything else as it is."""
+    return given.real if np.iscomplexobj(given) and not (given.imag != 0.0).sum() else given
+
+
 def square(name: str, given: Matrix) -> Matrix:
     """The matrix by columns; refuse what is not square, real and finite."""
-    if not sparse.issparse(given):
-        given = _array(name, given)
+    given = real(given if sparse.issparse(given) else _array(name, given))
     if given.shape[0] != given.shape[1] or not given.shape[0]:
         raise ValueError(f"MatrixBody: {name} is {size(given)}; must be square")
     if np.iscomplexobj(given):
@@ -112,7 +116,11 @@ def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
     if excess.size and excess.max() > 0.0:
         worst = int(np.argmax(excess))
         at, value = f"{dofs[i[worst]]}, {dofs[j[worst]]}", abs(apart.data[worst])
-        raise ValueError(f"MatrixBody: {name} differs from its transpose by {value:.3g} at {at}; must be symmetric")
+        half = not (sparse.triu(matrix, 1).count_nonzero() and sparse.tril(matrix, -1).count_nonzero())
+        whole = "; of one half A of a matrix, A + A.T - diags_array(A.diagonal()) is the whole" if half else ""
+        raise ValueError(
+            f"MatrixBody: {name} differs from its transpose by {value:.3g} at {at}; must be symmetric{whole}"
+        )
 
 
 def refuse_indefinite(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
@@ -132,6 +140,14 @@ def refuse_indefinite(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
     if lowest < -ROUNDING[name]:
         scaled = f"with its diagonal scaled to 1 an eigenvalue is {lowest:.3g}"
         raise ValueError(f"MatrixBody: {name} is indefinite, {scaled}; must be >= 0")
+
+
+def refuse_nothing(stiffness: Matrix, mass: Matrix, dofs: Sequence[str], free: npt.NDArray[np.intp]) -> None:
+    """Refuse what is free to move without stiffness and mass, such as drilling rotations of flat shells."""
+    entries = np.asarray((abs(stiffness) + abs(mass)).sum(axis=0)).ravel()
+    if nothing := [dofs[i] for i in free[entries[free] == 0.0]]:
+        accepted = "must hold what nothing else does"
+        raise ValueError(f"MatrixBody: fixed lacks {some(nothing)}, where stiffness and mass have nothing; {accepted}")
 
 
 def _lowest_eigenvalue(matrix: Matrix) -> float:

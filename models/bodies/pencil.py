@@ -131,7 +131,7 @@ def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[A
     moves = per_stiffness > LIGHT * per_stiffness[0]
     modes = shapes[:, moves] / np.sqrt(per_stiffness[moves])
     squares = np.einsum("ij,ij->j", modes, stiffness @ modes)
-    rounding = ROUNDING * np.einsum("ij,ij->j", np.abs(modes), abs(stiffness) @ np.abs(modes))
+    rounding = ROUNDING * (shift + np.einsum("ij,ij->j", np.abs(modes), abs(stiffness) @ np.abs(modes)))
     if (squares < -rounding).any():
         raise _indefinite(stiffness, f", its lowest omega^2 is {squares.min():.3g} /s2")
     squares[squares <= rounding] = 0.0

@@ -31,6 +31,25 @@ def test_every_format_gives_the_same_matrix(tmp_path: Path) -> None:
         read_matrix(tmp_path / "none.npz")
 
 
+def test_either_half_and_complex_numbers_that_are_real_are_taken(tmp_path: Path) -> None:
+    """Programs write one half of what is symmetric, and whatever they calculated in complex numbers as such."""
+    dense = K.toarray()
+    struct = {"model": {"K": sparse.csc_array(K), "parts": {"K": np.tril(dense)}, "name": "bar"}}
+    savemat(tmp_path / "model.mat", struct)
+    sparse.save_npz(tmp_path / "half.npz", sparse.csr_array(np.triu(dense)))
+    mmwrite(tmp_path / "half.mtx", sparse.coo_array(np.tril(dense)), symmetry="general")
+    sparse.save_npz(tmp_path / "complex.npz", K.astype(complex))
+    np.savez(tmp_path / "named.npz", K=dense.astype(complex), lossy=(1 + 0.02j) * dense, one_way=np.triu(dense)[:2])
+    files = ["half.npz", "half.mtx", "complex.npz", "named.npz:K", "model.mat:model.K", "model.mat:model.parts.K"]
+    for name, _, key in (file.partition(":") for file in files):
+        assert np.array_equal(read_matrix(tmp_path / name, key or None).toarray(), dense), name
+    assert np.array_equal(read_matrix(tmp_path / "named.npz", "one_way").toarray(), np.triu(dense)[:2])
+    with pytest.raises(InputError, match=r"lossy is complex, 3 x 3 .* real numbers; losses of a material are damping"):
+        read_matrix(tmp_path / "named.npz", "lossy")
+    with pytest.raises(InputError, match=r"must be one of model\.K, model\.name, model\.parts\.K"):
+        read_matrix(tmp_path / "model.mat", "model")
+
+
 def test_a_matrix_cannot_reach_beyond_its_size(tmp_path: Path) -> None:
     """Libraries trust the indices of a sparse file, and read memory that is not theirs."""
     sparse.save_npz(tmp_path / "K.npz", K)
@@ -163,6 +182,7 @@ at = "2.x"
     off[0, 1] -= 0.5
     wrong_files = {"wrong_K": off, "wrong_M": np.diag([1.0, -1.0, 1.0]), "nan": np.diag([1.0, np.nan, 1.0])}
     wrong_files |= {"two": np.eye(2), "below": K.toarray() - 3.0 * np.eye(3), "huge": 1e40 * K.toarray()}
+    wrong_files |= {"nothing": np.diag([1.0, 1.0, 0.0])}
     for name, entries in wrong_files.items():
         sparse.save_npz(tmp_path / f"{name}.npz", sparse.csr_array(entries))
     (tmp_path / "wrong_dofs.txt").write_text("1.x 2.x 1.x\n")
@@ -191,6 +211,10 @@ at = "2.x"
         (text.replace('"K.npz"', '"two.npz"'), 'stiffness = "two.npz": is 2 x 2; must be 3 x 3, as the mass is'),
         (text.replace('"K.npz"', '"below.npz"'), 'stiffness = "below.npz": is indefinite; must have no negative'),
         (text.replace('"K.npz"', '"huge.npz"'), r'"huge.npz": its largest entry = 2e\+40; must be of magnitude'),
+        (
+            text.replace('"K.npz"', '"nothing.npz"').replace('"M.npz"', '"nothing.npz"'),
+            r"matrix\.fixed lacks 3\.x, where stiffness and mass have nothing; must hold what nothing else does",
+        ),
         (text.replace("modes = 2", "modes = 3"), "rig.toml: matrix.modes = 3; must be <= 2, the degrees of freedom"),
         (text.replace('["1"]', '["9"]'), 'rig.toml: matrix.fixed has "9"; must be of dofs, 1.x, 2.x, 3.x'),
         (

@@ -236,3 +236,37 @@ def test_what_a_boundary_condition_holds_is_fixed_or_said() -> None:
     K[0, 1] = K[1, 0] = 1e36
     with pytest.raises(ValueError, match="the largest entry of stiffness = 1e\\+36; must be of magnitude"):
         fine(stiffness=sparse.csc_array(K), fixed=("0.x",))
+
+
+@pytest.mark.parametrize("n", [9, 20, 36])
+def test_what_no_spring_holds_but_inertia_couples_moves_as_a_rigid_one(n: int) -> None:
+    """Its frequency is 0, not what rounding makes of its shape: of 1e-16 Hz no structure is."""
+    K = 1e9 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[n // 3] = K[:, n // 3] = 0.0
+    mass = (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)) / 6
+    found = MatrixBody(mass, K, tuple(f"{i}.x" for i in range(n)), modes=3).ported(["0.x"], RATIO)
+    assert found.omega_n[0] == 0.0
+    assert found.omega_n[1] > 1e3
+
+
+def test_matrices_as_complex_numbers_are_real_where_they_have_no_imaginary_part() -> None:
+    body = chain(3, modes=3)
+    same = replace(body, stiffness=body.stiffness.astype(complex), mass=body.mass.toarray().astype(complex))
+    assert same.ported(["1.x"], RATIO).omega_n == pytest.approx(body.ported(["1.x"], RATIO).omega_n)
+    with pytest.raises(ValueError, match="stiffness is complex; must be real"):
+        replace(body, stiffness=(1 + 0.02j) * body.stiffness)
+
+
+def test_of_half_a_matrix_it_is_said_how_to_complete_it() -> None:
+    body = chain(3, modes=3)
+    half = sparse.tril(body.stiffness)
+    with pytest.raises(
+        ValueError, match=r"must be symmetric; of one half A .*, A \+ A.T - diags_array\(A.diagonal\(\)\)"
+    ):
+        replace(body, stiffness=half)
+    whole = half + half.T - sparse.diags_array(half.diagonal())
+    assert abs(replace(body, stiffness=whole).stiffness - body.stiffness).max() == 0.0
+    askew = body.stiffness.tolil()
+    askew[0, 1] *= 2.0
+    with pytest.raises(ValueError, match=r"must be symmetric$"):
+        replace(body, stiffness=askew)
