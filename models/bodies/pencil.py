@@ -52,7 +52,7 @@ class Pencil:
         self.shift = SHIFT * _own_square(stiffness.diagonal(), mass.diagonal())
         # whatever has no stiffness at all: springs to nothing
         self.shift = self.shift if self.shift > 0.0 else 1.0
-        self._factors = factors(stiffness + self.shift * mass, pivoting=0.0)
+        self._factors = factors(added(stiffness, self.shift * mass), pivoting=0.0)
         if _negative(self._factors):
             raise _indefinite(stiffness, "")
 
@@ -178,6 +178,19 @@ def factors(matrix: Matrix, pivoting: float) -> Any:
     except RuntimeError:
         found = "a motion has neither stiffness nor mass"
         raise ValueError(f"MatrixBody: {found}; must have one of them for every motion that is not fixed") from None
+
+
+def added(one: Matrix, other: Matrix) -> Matrix:
+    """Sum of two sparse matrices with all that either stores, zeros too.
+
+    SciPy's drops zeros. An ordering finds the degrees of freedom of a node alike with them, and factors of solids have
+    half as many entries.
+    """
+    from scipy.sparse import coo_array
+
+    a, b = one.tocoo(), other.tocoo()
+    at = tuple(np.concatenate(pair) for pair in zip(a.coords, b.coords, strict=True))
+    return coo_array((np.concatenate([a.data, b.data]), at), shape=one.shape).tocsc()
 
 
 def part(matrix: Matrix, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Matrix:

@@ -8,6 +8,7 @@ from scipy import sparse
 
 from models import Beam
 from models.bodies import FiniteBeam, MatrixBody, ModalModel
+from models.bodies.pencil import added
 from models.parts import Damping
 
 BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
@@ -270,3 +271,13 @@ def test_of_half_a_matrix_it_is_said_how_to_complete_it() -> None:
     askew[0, 1] *= 2.0
     with pytest.raises(ValueError, match=r"must be symmetric$"):
         replace(body, stiffness=askew)
+
+
+def test_a_sum_keeps_the_zeros_that_are_stored() -> None:
+    """Degrees of freedom of a node that stay coupled are ordered together: factors of bricks have half the entries."""
+    at, other = ([0, 0, 1, 2], [0, 1, 1, 2]), ([0, 1, 2, 2], [0, 0, 1, 2])
+    one = sparse.csc_array(([1.0, 0.0, 2.0, 3.0], at), shape=(3, 3))
+    two = sparse.csc_array(([4.0, 0.0, -5.0, -3.0], other), shape=(3, 3))
+    found = added(one, two)
+    assert found.nnz == 6
+    assert np.array_equal(found.toarray(), one.toarray() + two.toarray())
