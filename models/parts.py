@@ -220,7 +220,6 @@ class Contact:
         for name in ("normal_load", "radius"):
             bounded(f"Contact: {name}", getattr(self, name), 0.0)
             plausible(f"Contact: {name}", getattr(self, name), name)
-        bounded("Contact: load_variation", self.load_variation, 0.0)
         check_parameters(self.law)
 
 

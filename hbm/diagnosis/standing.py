@@ -186,9 +186,10 @@ class Standing:
     def replaces(self, e: Evaluation) -> bool:
         """Whether a cause that leaves noise is likelier than calibration that leaves its tolerances, which is no story.
 
-        It need not be better than that, but than the rig file as it is.
+        It need not be better than that, but than the rig file as it is. Of identified modes alone: else causes are
+        tried over the rig file as it is too.
         """
-        if not e.model.calibrated or self.tolerable(self.calibrated) or not self._enough(e):
+        if not self.identified or self.tolerable(self.calibrated) or not self._enough(e):
             return False
         return accepted(self.first, e, self.tried) and simpler(e, self.calibrated, self.tried)
 

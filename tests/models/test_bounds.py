@@ -24,7 +24,6 @@ FOUR = (1.0, 1.0)
         (lambda: Jenkins(mu=-1.0, critical_slip=4e-6), "Jenkins: mu = -1; must be > 0"),
         (lambda: Jenkins(mu=0.5, critical_slip=np.nan), "Jenkins: critical_slip = nan; must be > 0"),
         (lambda: replace(RIG.contact, normal_load=-5.0), "Contact: normal_load = -5; must be >= 0"),
-        (lambda: RIG.with_number("contact.load_variation", -1.0), "Contact: load_variation = -1; must be >= 0"),
         (lambda: replace(RIG.contact, radius=np.inf), "Contact: radius = inf; must be >= 0"),
         (lambda: replace(RIG.body, length=-1.0), "Beam: length = -1; must be > 0"),
         (lambda: replace(RIG.body, modes=0), "Beam: modes = 0; must be >= 1"),
