@@ -34,7 +34,7 @@ slip: that says nothing of the motion on either side."""
 FINE = 5e-4
 """Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
 
-TOP = 1e-4
+TOP = 5e-5
 """The same of the steps beside its highest point, where that is more than half of the error."""
 
 CLOSE = 2.0
