@@ -1,6 +1,6 @@
 """A structure of three modes, driven at one place and seen at three others: its rig, its file, records of it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from models.bodies import ModalModel
 from models.jointed import JointedRig
 from models.joints import Joint
 from models.parts import Channel, Damping, Excitation, Quantity
-from tests.truth.modal import Modes
+from tests.truth.modal import Hidden, Modes, accelerations, steady
 
 ROWS = {
     "drive": np.array([0.8, 0.5, -0.6]),
@@ -27,6 +27,11 @@ OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
 
 NOISE = 2e-3
 """Of the rms of a channel, standard deviation of each coefficient."""
+
+LEVELS, SECOND = (0.2, 0.6, 1.0), 4.0
+"""Forces about the first mode [N]; about the second they are so many times that."""
+
+H = 5
 
 
 def rig_of(modes: Modes = NOMINAL, joints: tuple[Joint, ...] = (), quantity: Quantity = "acceleration") -> JointedRig:
@@ -69,3 +74,23 @@ def spectra_with_noise(
     for name in noisy:
         noisy[name][:, 0] = stds[name][:, 0] = np.nan
     return spectra_of(rig, hz, force, noisy, stds)
+
+
+def measured(
+    hidden: Hidden,
+    place: str,
+    wrong: Callable[[Modes], Modes] = lambda m: m,
+    seed: int = 1,
+    to: str = "",
+    off: Mapping[str, float] = OFF,
+    noise: float = NOISE,
+) -> MeasuredSpectra:
+    """Records of a structure with a hidden force between a place and another, or the ground."""
+    rng = np.random.default_rng(seed)
+    modes = wrong(NOMINAL.disturbed(rng, **off))
+    hz = np.tile(HZ, len(LEVELS))
+    force = np.repeat(LEVELS, len(HZ)) * np.where(hz > 40.0, SECOND, 1.0)
+    row = modes.rows[place] - (modes.rows[to] if to else 0.0)
+    q = steady(modes, hidden, row, "drive", hz, force, periods=200, steps=512, H=H)
+    seen = {name: accelerations(modes, q, name, hz) for name in SENSORS}
+    return spectra_with_noise(rig_of(), seen, hz, force, rng, noise)

@@ -122,15 +122,15 @@ def choose_harmonics(
     (where, found), scales, what = _telling_points(pilot), scales_of(pilot.rig, pilot.points), _in_words(rig)
     for H in ladder(rig):
         N_t = default_samples(finer(H))
-        found = [p for p in _solve_again(found, rig, H, N_t, level) if p is not None]
-        refined = _solve_again(found, rig, finer(H), N_t, level)
+        found = [p for p in _solve_again(found, rig, H, N_t) if p is not None]
+        refined = _solve_again(found, rig, finer(H), N_t)
         changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
         if not changes:
             H = holding(rig)
             return H, default_samples(H), f"H = {H}: the peaks could not be solved again with more to judge by"
         change = max(changes)
         if change < tolerance:
-            N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
+            N_t, moved = _choose_samples(rig, found, H, scales, tolerance)
             reason = (
                 f"H = {H}: at {where} {finer(H)} harmonics change {what} by {change:.2%} of its largest, "
                 f"{2 * N_t} samples by {moved:.2%} (tolerance {tolerance:.2%})"
@@ -168,15 +168,14 @@ def _choose_samples(
     rig: AnyRig,
     found: Sequence[PeriodicSolution],
     H: int,
-    level: float | None,
     scales: dict[str, float],
     tolerance: float,
 ) -> tuple[int, float]:
     """Fewest samples whose doubling changes the probed points by less than half the tolerance; and that change."""
     N_t = default_samples(H)
-    coarse = _solve_again(found, rig, H, N_t, level)
+    coarse = _solve_again(found, rig, H, N_t)
     while True:
-        fine = _solve_again(found, rig, H, 2 * N_t, level)
+        fine = _solve_again(found, rig, H, 2 * N_t)
         changes = [relative_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
         change = float(np.nanmax(changes)) if changes else np.inf
         if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
@@ -245,7 +244,7 @@ def _probed(rig: AnyRig, found: Sequence[PeriodicSolution], peak: int, scales: d
 
     def changes(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
         """Relative change of each point on another discretisation, nan where it was not found."""
-        again = _solve_again(found, rig, H, N_t, found[0].level)
+        again = _solve_again(found, rig, H, N_t)
         return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
     total = changes(found, finer_rig, finer_H, finer_N)
@@ -266,13 +265,11 @@ def _probed(rig: AnyRig, found: Sequence[PeriodicSolution], peak: int, scales: d
     )
 
 
-def _solve_again(
-    found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int, level: float | None
-) -> list[PeriodicSolution | None]:
+def _solve_again(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> list[PeriodicSolution | None]:
     """Solve points on another discretisation, each at its frequency; None where that fails."""
     if not found:
         return []
-    problem = balance_of(rig, FourierBasis(H, N_t), level=level, periods=found[0].periods)
+    problem = balance_of(rig, FourierBasis(H, N_t), level=found[0].level, periods=found[0].periods)
     out: list[PeriodicSolution | None] = []
     for start in found:
         lam = problem.lam_at(start.hz)

@@ -15,7 +15,8 @@ from hbm.errors import InputError
 from hbm.measurement.matfile import load_mat
 from hbm.measurement.npzfile import load_npz
 from hbm.textfiles import StrPath, damage, refuse_endless, why
-from models.bodies.matrixchecks import real
+from models.bodies.matrixchecks import is_half, real
+from models.bodies.pencil import added
 
 Matrix = Any  # of scipy.sparse, which has no types
 ENDINGS = (".npz", ".mtx", ".mat")
@@ -260,7 +261,6 @@ def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
 
 def _whole(matrix: Matrix) -> Matrix:
     """Both halves of a matrix of which nothing but either is given: no other is symmetric."""
-    above, below = sparse.triu(matrix, 1), sparse.tril(matrix, -1)
-    if matrix.shape[0] != matrix.shape[1] or bool(above.count_nonzero()) == bool(below.count_nonzero()):
+    if matrix.shape[0] != matrix.shape[1] or not is_half(matrix):
         return matrix
-    return sparse.csc_array(matrix + above.T + below.T)
+    return added(added(matrix, sparse.triu(matrix, 1).T), sparse.tril(matrix, -1).T)

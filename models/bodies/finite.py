@@ -110,8 +110,9 @@ class FiniteBeam(Elastic):
             return (place,)
         at, length = self._place(place)[1], self.beam.length
         ends = ((0.0, self.root), (length, self.tip))
-        held = [name for x, end in ends if abs(at - x) <= SAME * length for name in self._fixed(x, end, root=x == 0.0)]
-        free = [motion for motion in TRANSLATIONS if f"{motion}@" not in "".join(held)]
+        fixed = [dof for x, end in ends if abs(at - x) <= SAME * length for dof in self._fixed(x, end, root=x == 0.0)]
+        held = {dof.split("@")[0] for dof in fixed}
+        free = [motion for motion in TRANSLATIONS if motion not in held]
         return tuple(f"{motion}({match[2]})" for motion in free) or (place,)
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":

@@ -37,6 +37,11 @@ def real(given: Any) -> Any:
     return given.real if np.iscomplexobj(given) and not (given.imag != 0.0).sum() else given
 
 
+def is_half(matrix: Matrix) -> bool:
+    """Whether a square matrix has entries on one side of its diagonal alone."""
+    return bool(sparse.triu(matrix, 1).count_nonzero()) != bool(sparse.tril(matrix, -1).count_nonzero())
+
+
 def square(name: str, given: Matrix) -> Matrix:
     """The matrix by columns; refuse what is not square, real and finite."""
     given = real(given if sparse.issparse(given) else _array(name, given))
@@ -116,8 +121,8 @@ def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
     if excess.size and excess.max() > 0.0:
         worst = int(np.argmax(excess))
         at, value = f"{dofs[i[worst]]}, {dofs[j[worst]]}", abs(apart.data[worst])
-        half = not (sparse.triu(matrix, 1).count_nonzero() and sparse.tril(matrix, -1).count_nonzero())
-        whole = "; of one half A of a matrix, A + A.T - diags_array(A.diagonal()) is the whole" if half else ""
+        accepted = "; of one half A of a matrix, A + A.T - diags_array(A.diagonal()) is the whole"
+        whole = accepted if is_half(matrix) else ""
         raise ValueError(
             f"MatrixBody: {name} differs from its transpose by {value:.3g} at {at}; must be symmetric{whole}"
         )

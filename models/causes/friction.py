@@ -6,7 +6,7 @@ from math import nan
 from typing import Any, ClassVar, Self
 
 from models.causes.cause import EITHER, Cause, Unknown
-from models.causes.rubbing import Rubbing, rubbing, rubbing_at, with_friction
+from models.causes.rubbing import Rubbing, Sizes, rubbing, rubbing_at, sizes_at, with_friction
 from models.friction import Dahl, FrictionLaw, Frictionless, Jenkins, Viscous, chosen, parameters
 from models.friction.extended import (
     ASYMMETRIC,
@@ -55,14 +55,14 @@ class OtherFriction(Cause):
 
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """Numbers of the law in its place."""
-        return self.asked(rubbing_at(rig, self.joint))
+        return self.asked(rubbing_at(rig, self.joint), sizes_at(rig, self.joint))
 
     def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Put the law in its place."""
         return with_friction(rig, self.joint, self.law(rubbing_at(rig, self.joint), values))
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
-        """Parameters, for the friction that is there."""
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
+        """Parameters, for the friction that is there, of these sizes."""
         raise NotImplementedError
 
     def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:
@@ -96,10 +96,10 @@ class StribeckWeakening(OtherFriction):
         """A Jenkins element."""
         return type(law) is Jenkins
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
         """Friction at rest and at high speed, both the nominal one at first, and the speed between."""
         mu = _jenkins(there).mu
-        low, high, v = 1e-3 * mu, 1e2 * mu, there.speed
+        low, high, v = 1e-3 * mu, 1e2 * mu, sizes.speed
         return (
             Unknown("mu_static", "1", there.key + "mu_static", low, high, mu, (mu,), least="mu"),
             Unknown("mu", "1", there.key + "mu", low, high, mu, ((1 - HARDLY) * mu, 0.9 * mu, 0.6 * mu)),
@@ -141,7 +141,7 @@ class DistributedMicroslip(OtherFriction):
         """A Jenkins element."""
         return type(law) is Jenkins
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
         """Half width of the limits' distribution.
 
         Its effect grows with its square: at none there is no derivative, and the first start is one at which the
@@ -171,9 +171,9 @@ class ViscousContact(OtherFriction):
         """Laws that take a dashpot beside them, and none at all."""
         return (isinstance(law, BESIDE_DASHPOT) and not hasattr(law, "coefficient")) or type(law) is Frictionless
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
         """Coefficient of the dashpot."""
-        c = there.damper
+        c = sizes.damper
         return (
             Unknown("coefficient", "N s/m", there.key + "coefficient", 0.0, 1e5 * c, 0.0, (0.0, c / 10, c, 10 * c)),
         )
@@ -200,7 +200,7 @@ class AsymmetricFriction(OtherFriction):
         """Laws with a limit."""
         return isinstance(law, ASYMMETRIC) and law.ratio == 1.0 and "ratio" not in parameters(law)
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
         """Forward over backward."""
         return (Unknown("ratio", "1", there.key + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8, 2.0, 0.5)),)
 
@@ -226,9 +226,9 @@ class BristleMemory(OtherFriction):
         """Dahl's."""
         return type(law) is Dahl
 
-    def asked(self, there: Rubbing) -> tuple[Unknown, ...]:
+    def asked(self, there: Rubbing, sizes: Sizes) -> tuple[Unknown, ...]:
         """Damping of the bristles."""
-        c, key = there.damper, there.key + "bristle_damping"
+        c, key = sizes.damper, there.key + "bristle_damping"
         return (Unknown("sigma1", "N s/m", key, 0.0, 1e5 * c, 0.0, (0.0, c / 10, 3 * c, 100 * c)),)
 
     def law(self, there: Rubbing, values: Mapping[str, float]) -> FrictionLaw:

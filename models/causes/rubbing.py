@@ -19,6 +19,13 @@ SHARE = 0.1
 """Of the largest speed without friction: that at which a joint slides."""
 
 
+class Sizes(NamedTuple):
+    """Sizes of a sliding speed [m/s] and of a dashpot that is seen beside the friction [N s/m]."""
+
+    speed: float
+    damper: float
+
+
 class Rubbing(NamedTuple):
     """Friction of a rig.
 
@@ -31,31 +38,31 @@ class Rubbing(NamedTuple):
         Normal load that stiffnesses of the law refer to [N].
     key : str
         Beginning of the keys of its numbers.
-    speed, damper : float
-        Sizes of its sliding speed [m/s] and of a dashpot that is seen beside it [N s/m].
     """
 
     joint: str
     law: FrictionLaw
     load: Value
     key: str
-    speed: float
-    damper: float
 
 
 def rubbing(rig: AnyRig) -> Iterator[Rubbing]:
     """Every friction of a rig."""
     if not isinstance(rig, JointedRig):
-        yield Rubbing("", rig.contact.law, rig.contact.normal_load, "contact.friction.", SLOW, DAMPER)
+        yield Rubbing("", rig.contact.law, rig.contact.normal_load, "contact.friction.")
         return
     for j in rig.joints:
         if isinstance(j.law, Friction):
             load = j.law.normal_load if j.law.reference_load is None else j.law.reference_load
-            motion, omega = reach(rig, *j.ends[0])
-            fastest = motion * omega
-            yield Rubbing(
-                j.name, j.law.law, load, f"joints.{j.name}.", SHARE * fastest, rig.excitation.amplitude / fastest
-            )
+            yield Rubbing(j.name, j.law.law, load, f"joints.{j.name}.")
+
+
+def sizes_at(rig: AnyRig, joint: str) -> Sizes:
+    """Sizes at one joint, of the motion that the excitation makes there, or at the contact where that has no name."""
+    if not isinstance(rig, JointedRig):
+        return Sizes(SLOW, DAMPER)
+    motion, omega = reach(rig, *next(j.ends[0] for j in rig.joints if j.name == joint))
+    return Sizes(SHARE * motion * omega, rig.excitation.amplitude / (motion * omega))
 
 
 def rubbing_at(rig: AnyRig, joint: str) -> Rubbing:

@@ -8,7 +8,6 @@ import pytest
 
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.verdict import Estimate
-from hbm.measurement.spectra import MeasuredSpectra
 from hbm.response.trace import steady_state
 from hbm.rigfiles.extensions import Extension, rig_of_tables
 from models.causes import Cause, all_candidates
@@ -24,11 +23,10 @@ from models.causes.parameter import WrongParameter
 from models.friction import Dahl, Iwan, Jenkins
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
-from tests.three_modes import HZ, NOMINAL, OFF, ROWS, SENSORS, rig_of, spectra_with_noise
-from tests.truth.modal import Hidden, accelerations, falling, jenkins, parts, steady
+from tests.three_modes import NOMINAL, ROWS, H, measured, rig_of
+from tests.truth.modal import falling, jenkins, parts, steady
 
 STIFFNESS, LIMIT = 3000.0, 0.6
-LEVELS, SECOND, H = (0.2, 0.6, 1.0), 4.0, 5
 KNOWN = Joint("shoe", Friction(Jenkins(1.0, LIMIT / STIFFNESS), LIMIT), ("b",))
 BESIDE = Joint("pad", Friction(Dahl(0.5, 2000.0), 1.0), ("a",), ("c",))
 SPRING = Joint("spring", CubicSpring(1e7), ("c",))
@@ -106,20 +104,10 @@ def test_another_law_does_what_another_simulator_marches(name: str) -> None:
         assert missed < 0.1 * np.abs(q[i, 1:] - plain[i, 1:]).max()
 
 
-def spectra(hidden: Hidden, seed: int = 1) -> MeasuredSpectra:
-    rng = np.random.default_rng(seed)
-    modes = NOMINAL.disturbed(rng, **OFF)
-    hz = np.tile(HZ, len(LEVELS))
-    force = np.repeat(LEVELS, len(HZ)) * np.where(hz > 40.0, SECOND, 1.0)
-    q = steady(modes, hidden, modes.rows["b"], "drive", hz, force, periods=200, steps=512, H=H)
-    seen = {name: accelerations(modes, q, name, hz) for name in SENSORS}
-    return spectra_with_noise(RIG, seen, hz, force, rng)
-
-
 @pytest.mark.parametrize("name", HIDDEN)
 def test_another_law_of_a_joint_is_named_with_its_joint_and_numbers(name: str) -> None:
     hidden, truth = HIDDEN[name]
-    d = diagnose(RIG, spectra(hidden), causes=[*LAWS, LocalMicroslip, QuadraticDamping, WrongParameter])
+    d = diagnose(RIG, measured(hidden, "b"), causes=[*LAWS, LocalMicroslip, QuadraticDamping, WrongParameter])
     assert (d.verdict, d.cause) == ("cause-found", name)
     assert d.parameters["joint"] == Estimate("shoe")
     for number, true in truth.items():

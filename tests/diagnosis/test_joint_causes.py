@@ -4,7 +4,7 @@ Every structure differs a little from the rig file in all that is identified of 
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
@@ -62,35 +62,11 @@ from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.joints.law import numbers
 from tests.far_off import far_off
-from tests.three_modes import HZ, NOISE, NOMINAL, OFF, ROWS, SENSORS, rig_file, rig_of, spectra_with_noise
+from tests.three_modes import LEVELS, NOMINAL, OFF, ROWS, SENSORS, H, measured, rig_file, rig_of
 from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, slack, steady
 
-LEVELS, SECOND = (0.2, 0.6, 1.0), 4.0
-"""Forces about the first mode [N]; about the second they are so many times that."""
-
-H = 5
 K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
 STOP, CLEARANCE = 5000.0, 5e-4
-
-
-def measured(
-    hidden: Hidden,
-    place: str,
-    wrong: Callable[[Modes], Modes] = lambda m: m,
-    seed: int = 1,
-    to: str = "",
-    off: Mapping[str, float] = OFF,
-    noise: float = NOISE,
-) -> MeasuredSpectra:
-    """Records of a structure with a hidden force between a place and another, or the ground."""
-    rng = np.random.default_rng(seed)
-    modes = wrong(NOMINAL.disturbed(rng, **off))
-    hz = np.tile(HZ, len(LEVELS))
-    force = np.repeat(LEVELS, len(HZ)) * np.where(hz > 40.0, SECOND, 1.0)
-    row = modes.rows[place] - (modes.rows[to] if to else 0.0)
-    q = steady(modes, hidden, row, "drive", hz, force, periods=200, steps=512, H=H)
-    seen = {name: accelerations(modes, q, name, hz) for name in SENSORS}
-    return spectra_with_noise(rig_of(), seen, hz, force, rng, noise)
 
 
 def faster(modes: Modes) -> Modes:

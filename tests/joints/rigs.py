@@ -15,6 +15,19 @@ from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
 from models.rig import Rig
 
+TWO_MODES = """
+name = "two modes"
+[modal]
+frequencies_hz = [16.0, 45.0]
+ports = { one = [0.7, 0.5], two = [0.4, -0.6] }
+[damping]
+modal_ratios = [0.01]
+[excitation]
+amplitude = 1.0
+at = "one"
+"""
+"""Beginning of a rig file."""
+
 
 def loaded(folder: Path, text: str) -> JointedRig:
     """The rig of a file of this text."""

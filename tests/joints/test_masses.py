@@ -20,7 +20,7 @@ from models.jointed import JointedRig
 from models.joints import Friction
 from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
-from tests.joints.rigs import BEAM, beam_rig, loaded, made_up
+from tests.joints.rigs import BEAM, TWO_MODES, beam_rig, loaded, made_up
 
 LUMPS = (LumpedMass("y(0.3)", 0.05), LumpedMass("y(0.15)", 0.01))
 ALPHA = Damping(10.0, high_mode_ratio=0.0)
@@ -158,17 +158,9 @@ def test_harmonic_balance_and_time_integration_agree_about_a_rig_with_lumps() ->
     assert np.abs(stability.multipliers).max() == pytest.approx(np.abs(own).max(), abs=0.02)
 
 
-FILE = """
-name = "two modes"
-[modal]
-frequencies_hz = [16.0, 45.0]
-ports = { one = [0.7, 0.5], two = [0.4, -0.6] }
-[damping]
-modal_ratios = [0.01]
-[excitation]
-amplitude = 1.0
-at = "one"
-[[masses]]
+FILE = (
+    TWO_MODES
+    + """[[masses]]
 at = "two"
 mass = 0.25
 [[joints]]
@@ -181,6 +173,7 @@ name = "a1"
 quantity = "acceleration"
 at = "one"
 """
+)
 
 
 def test_a_rig_file_has_masses(tmp_path: Path) -> None:

@@ -35,19 +35,11 @@ from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import Joint, Stop
 from models.parts import Channel, Damping, Excitation
-from tests.joints.rigs import loaded
+from tests.joints.rigs import TWO_MODES, loaded
 
-FILE = """
-name = "two modes"
-[modal]
-frequencies_hz = [16.0, 45.0]
-ports = { one = [0.7, 0.5], two = [0.4, -0.6] }
-[damping]
-modal_ratios = [0.01]
-[excitation]
-amplitude = 1.0
-at = "one"
-[[channels]]
+FILE = (
+    TWO_MODES
+    + """[[channels]]
 name = "f"
 quantity = "force"
 [[channels]]
@@ -61,6 +53,7 @@ stiffness = 1e4
 gap = 1e-5
 at = "two"
 """
+)
 MATRIX = "damping_matrix = [[{}, 0.0], [0.0, 1.0]]\n[excitation]"
 PAD = 'law = "impact-stop"\nstiffness = 1e4\ngap = 1e-5\nat = "two"'
 RUB = 'law = "coulomb-penalty"\nmu = 0.3\ncritical_slip = 1e-5\nnormal_load = 5.0\n'
