@@ -149,8 +149,7 @@ def one_of_each(ranked: Sequence[Evaluation]) -> list[Evaluation]:
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
     """Fits that the records cannot tell from the best one, but for those that only contain it or hold its causes."""
-    named = set(best.model.causes)
-    others = [e for e in fits if not e.missing and not (named and named <= set(e.model.causes))]
+    others = [e for e in fits if not e.missing and not adds_to(best, e)]
     close = [e for e in others if abs(e.chi2 - best.chi2) < TIED]
     return [e for e in close if len(e.x) <= len(best.x) or best.chi2 - e.chi2 > 1.0 or not undetermined(e)]
 
@@ -158,6 +157,14 @@ def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
 def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
     """The best fit, or a simpler one that it contains and is not decisively better than."""
     return next((e for e in inside(best, fits) if e.bic - best.bic < DECISIVE), best)
+
+
+def adds_to(best: Evaluation, e: Evaluation) -> bool:
+    """Whether the causes of one fit, or richer ones that contain them, are those of another or stand beside more."""
+    named, causes = best.model.causes, e.model.causes
+    held = {label for cause in causes for label in held_by(cause)}
+    beside_more = len(causes) > len(named) and {c.label for c in named} <= held
+    return bool(named) and (set(named) <= set(causes) or beside_more)
 
 
 def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:

@@ -48,6 +48,9 @@ from models.causes.records import NotSteady
 TOLERATED = 0.015
 """Misfit of the rig file as it is, relative to the response, in which no cause is looked for that tolerances do for."""
 
+HARDLY = 0.1
+"""Share of the misfit of identified modes that calibration takes at most where another race over it would repeat."""
+
 CLOSEST, LAST = 1, 4
 """Causes found over the rig file as it is that are calibrated too; steps of the last fit."""
 
@@ -213,9 +216,11 @@ class Search(Standing):
         if near and not self._fits(self.calibrated):
             again = [e for found in near for e in self._over_tolerances(found)]
             return self._decided(self.calibrated, again, self.tried)
-        best = exact.best if self.first.model.calibrated else None
         # where the rig file moved along from the beginning, another race would but start elsewhere
-        told = best is not None and explained(self.calibrated.white, best.white) >= NEARLY
+        told = bool(self.first.model.calibrated) and (
+            explained(self.first.white, self.calibrated.white) <= HARDLY
+            or (exact.best is not None and explained(self.calibrated.white, exact.best.white) >= NEARLY)
+        )
         return exact if told else self._race(self.calibrated, self.over(self.calibrated), 0.55)
 
     def _instead(self, exact: Decision) -> Decision:

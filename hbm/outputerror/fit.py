@@ -99,16 +99,21 @@ def begun_at(model: Model, campaign: Campaign, x: Array, last: Solutions, needed
 
 def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
     """The same, records that are far off on the branch that what was measured leads to, where that is nearer."""
-    chi2 = campaign.chi2(here.solutions)
-    missed = [r for r in campaign.data.records if chi2.get(r.number, 0.0) > ASTRAY * r.listed.sum()]
-    far = [
-        r.number for r in missed if chi2[r.number] > ASTRAY_SHARE**2 * np.nansum((r.measured / campaign.std(r)) ** 2)
-    ]
+    far = _astray(here, campaign)
     if not far:
         return here
+    chi2 = campaign.chi2(here.solutions)
     others = campaign.of(far).reconstructed(here.model.rig(here.x))
     nearer = {n: others[n] for n, c in campaign.chi2(others).items() if c < NEARER * chi2[n]}
     return _with(here, campaign, nearer)
+
+
+def _astray(here: Evaluation, campaign: Campaign) -> list[int]:
+    """Records that may be on another branch than the measured one."""
+    chi2 = campaign.chi2(here.solutions)
+    missed = [r for r in campaign.data.records if chi2.get(r.number, 0.0) > ASTRAY * r.listed.sum()]
+    size = {r.number: np.nansum((r.measured / campaign.std(r)) ** 2) for r in missed}
+    return [number for number, squares in size.items() if chi2[number] > ASTRAY_SHARE**2 * squares]
 
 
 def found_again(here: Evaluation, campaign: Campaign) -> Evaluation:
@@ -181,7 +186,21 @@ def descended(
         descent, gained = _stepped(descent, campaign, last, settled, part)
         if gained > 0.0 and descent.here.chi2 - (steps - descent.taken) * gained / length > reach:
             break
+        if not descent.goes_on(steps):
+            descent = _few_astray(descent, campaign)
     return descent
+
+
+def _few_astray(descent: Descent, campaign: Campaign) -> Descent:
+    """The end of a descent, or where it goes on from if few records are on another branch than the measured one.
+
+    That branch need not be there, at their frequency, where the descent began.
+    """
+    here = descent.here
+    if 2 * len(_astray(here, campaign)) > len(here.found):
+        return descent
+    there = _on_branches_measured(here, campaign)
+    return descent if there is here else replace(descent, here=there, damping=DAMPED, length=1.0, ended=False)
 
 
 def _stepped(

@@ -351,6 +351,8 @@ class MatrixBody(Elastic):
 
     def _tested(self, matrix: Matrix, shapes: Array, held: npt.NDArray[np.intp], modes: Array) -> Array:
         """A matrix between the shapes of supports (f, r), 1 at their own, and modes (f, n)."""
+        if not held.size:
+            return np.zeros((0, modes.shape[1]))
         on_free = shapes.T @ (part(matrix, self._free, self._free) @ modes)
         return np.asarray(on_free + part(matrix, held, self._free) @ modes)
 

@@ -25,6 +25,9 @@ ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 """Starts of displacements at which something sets in, in units of the largest motion there; and of the limits at which
 springs slide, in units of their force at that."""
 
+SLIPS = (0.002, 0.005, 0.01, *ONSETS)
+"""The same of friction that sticks in no record near the resonance, and in some far from it."""
+
 
 HARDLY = 1e-3
 """Of how far a point moves along the direction in which it moves most."""
@@ -217,7 +220,7 @@ class LocalFriction(AddedJoint):
     check = "measure three levels below its onset: there it must be a spring without a loss"
     numbers = (
         Number("limit", "N", "normal_load", (1, 0, 0)),
-        Number("critical_slip", "m", "critical_slip", (0, 1, 0), ONSETS),
+        Number("critical_slip", "m", "critical_slip", (0, 1, 0), SLIPS),
     )
 
     @classmethod
@@ -236,7 +239,7 @@ class LocalMicroslip(AddedJoint):
     check = "let the structure ring down: damping ratio and frequency must change in proportion to the amplitude"
     numbers = (
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
-        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
+        Number("limit", "N", "normal_load", (1, 0, 0), SLIPS),
     )
 
     @classmethod
@@ -304,7 +307,7 @@ class LocalDahl(AddedJoint):
     check = "measure the loop at the onset: it must be smooth, and open from the lowest level on"
     numbers = (
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
-        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
+        Number("limit", "N", "normal_load", (1, 0, 0), SLIPS),
     )
 
     @classmethod

@@ -581,3 +581,16 @@ def test_numbers_of_joints_that_the_rig_file_has_run_before_those_that_it_may_la
         CubicStiffness("c"),
         frequency,
     ]
+
+
+def test_friction_that_sticks_far_from_a_resonance_alone_is_seen_where_it_acts() -> None:
+    """It slides from 0.01 of the largest motion on: no law that sets in at more is as it is."""
+    rig = rig_of()
+    campaign, _ = campaign_of(rig, measured(jenkins(1e5, LIMIT), "c"))
+    model = Model(rig, {})
+    base = evaluate(model, campaign, model.start, {})
+    best = max(
+        scan(base, campaign, [c for c in all_candidates(rig) if isinstance(c, AddedJoint)]), key=lambda s: s.drop
+    )
+    assert best.cause.label == "local-friction c"
+    assert best.starts[0] == pytest.approx({"limit": LIMIT, "critical_slip": LIMIT / 1e5}, rel=0.1)

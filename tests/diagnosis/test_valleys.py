@@ -1,5 +1,6 @@
 """Fits that begin on another branch or in another valley than the one that was measured, and get out of it."""
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,7 @@ import hbm.diagnosis.candidates
 import hbm.diagnosis.fullfits
 from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
-from hbm.diagnosis.decide import BARE, Decision
+from hbm.diagnosis.decide import BARE, Decision, tied
 from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.quickfits import CHANCE, SEEN, QuickFits, _apart, _limited
 from hbm.diagnosis.restart import apart, started
@@ -27,7 +28,7 @@ from hbm.response.trace import steady_state, trace_frequency
 from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause
-from models.causes.joints import CubicStiffness, LocalDamper
+from models.causes.joints import CubicStiffness, LocalDamper, OneSidedStop, QuinticStiffness
 from models.causes.records import NotSteady
 from models.causes.sensors import SensorDelay
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportFlexibility
@@ -53,13 +54,14 @@ def branches() -> list[Any]:
     return sorted(near, key=lambda s: float(np.abs(s["x"].coefficients).max()))
 
 
-def spectra_at(solution: Any, larger: float = 1.0, noise: float = NOISE) -> MeasuredSpectra:
-    """Of a motion so many times as large."""
-    rows = {name: solution[name].coefficients[None, : 2 * H + 1] for name in ("x", "force")}
+def spectra_at(*solutions: Any, larger: float = 1.0, noise: float = NOISE) -> MeasuredSpectra:
+    """Of motions so many times as large."""
+    rows = {name: np.array([s[name].coefficients[: 2 * H + 1] for s in solutions]) for name in ("x", "force")}
     rows["x"] = larger * rows["x"]
     size = np.abs(rows["x"]).max()
-    std = {"x": np.full((1, H + 1), noise * size), "force": np.full((1, H + 1), 1e-6)}
-    return spectra_of(RIG, np.array([solution.hz]), np.array([solution.level]), rows, std)
+    std = {"x": np.full((len(solutions), H + 1), noise * size), "force": np.full((len(solutions), H + 1), 1e-6)}
+    at = np.array([[s.hz, s.level] for s in solutions])
+    return spectra_of(RIG, *at.T, rows, std)
 
 
 @pytest.mark.parametrize("measured", [0, 2])
@@ -74,13 +76,30 @@ def test_a_record_is_followed_on_the_branch_that_was_measured(measured: int) -> 
     assert fit_model(model, campaign, model.start, astray).chi2 < 10.0 * len(stays.white)
 
 
+def test_a_fit_gets_to_a_branch_that_was_not_there_where_it_began() -> None:
+    """With 0.3 times the cubic stiffness the curve has folded before the last record."""
+    curve = trace_frequency(RIG, (19.0, HZ), harmonics=H)
+    below = [min(curve.points, key=lambda s: abs(s.hz - hz)) for hz in (20.0, 20.3, 20.6)]
+    spectra = spectra_at(*below, branches()[-1])
+    bare = replace(RIG, joints=())
+    campaign, _ = campaign_of(bare, spectra)
+    model = Model(bare, {}).extended_by(CubicStiffness("tip"))
+    softer = trace_frequency(RIG.with_joint("hidden", CubicSpring(0.3 * K3)), (19.0, 24.0), harmonics=H)
+    assert max(softer.folds) < HZ
+    begun = evaluate(model, campaign, np.array([f.of(0.3 * K3) for f in model.free]), {})
+    found = fit_model(model, campaign, begun.x, begun.solutions)
+    assert begun.chi2 > 1e4 * len(begun.white)
+    assert found.chi2 < 3.0 * len(found.white)
+    assert abs(model.free[0].value(found.x[0]) - K3) < 3.0 * found.std[0] + 1e-3 * K3
+
+
 @pytest.mark.parametrize(("larger", "times"), [(1.05, 0), (1.3, 1)])
 def test_a_record_that_is_missed_by_little_of_its_size_is_on_its_branch(
     monkeypatch: pytest.MonkeyPatch, larger: float, times: int
 ) -> None:
     """However many standard deviations that is: it is not solved for from what was measured."""
     found = branches()[0]
-    campaign, _ = campaign_of(RIG, spectra_at(found, larger, noise=1e-5))
+    campaign, _ = campaign_of(RIG, spectra_at(found, larger=larger, noise=1e-5))
     again, solve = [], Campaign.reconstructed
 
     def counted(self: Campaign, rig: Any) -> Any:
@@ -505,3 +524,16 @@ def test_transients_are_offered_by_the_order_of_a_rig_file_within_its_tolerances
     assert Search._screened(search, "calibrated") == [mass, late]  # type: ignore[arg-type]
     monkeypatch.setattr("hbm.diagnosis.standing.disordered", lambda base, nominal, _: base != judged)
     assert Search._screened(search, "calibrated") == [mass]  # type: ignore[arg-type]
+
+
+def test_a_law_that_contains_the_best_one_beside_another_is_no_other_story() -> None:
+    """Nor is the best one beside another; the richer law in its place is."""
+    cubic, rich, stop = CubicStiffness("tip"), QuinticStiffness("tip"), OneSidedStop("tip")
+
+    def fit(chi2: float, *causes: Any) -> Any:
+        model = SimpleNamespace(causes=causes)
+        return SimpleNamespace(model=model, chi2=chi2, x=np.ones(len(causes)), missing=())
+
+    best = fit(100.0, cubic)
+    others = [fit(99.9, rich), fit(99.8, stop, rich), fit(99.7, stop, cubic), fit(99.6, stop)]
+    assert tied(others, best) == [others[0], others[3]]
