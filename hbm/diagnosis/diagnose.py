@@ -18,6 +18,7 @@ from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.standing import OnProgress
 from hbm.diagnosis.unfitted import asked_for, unfitted, why_unfitted, why_unraced
+from hbm.diagnosis.unnamed import unnamed_place
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import MANY
@@ -101,12 +102,16 @@ def diagnose(
     shares = repeatability_of(rig, spectra, repeatability)
     spectra = unrepeatable(spectra, shares)
 
+    beside = (*_unrepeatable(shares), *spectra.warnings)
+    place = unnamed_place(rig, spectra.split(held)[0] if held else spectra)
+    if place is not None and (joints := place.joints(causes)):
+        rig, candidates, beside = place.probed, [*candidates, *joints], (*beside, str(place))
+
     def conclude(held: tuple[int, ...], among: Sequence[Cause], before: int = 0) -> Conclusion:
         train, unseen = spectra.split(held) if held else (spectra, None)
         search = Search(rig, train, among, tolerances, tell, executor, before)
         return Conclusion(search, search.decide(), unseen, held)
 
-    beside = (*_unrepeatable(shares), *spectra.warnings)
     if isinstance(rig, JointedRig) and spectra.H > MANY:
         train, unseen = spectra.split(held) if held else (spectra, None)
         campaign = line_campaign(rig, train, executor)

@@ -4,7 +4,8 @@ Applied in their order, each to the rig that the ones before it made.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_type_hints
@@ -14,7 +15,7 @@ from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models.causes import Cause, Unknown, candidates_of
-from models.causes.addedjoint import AddedJoint
+from models.causes.addedjoint import AddedJoint, naming
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig, JointedRig
 from models.plausible import impossible, of_parameter
@@ -158,11 +159,19 @@ def _check_candidate(stages: Sequence[AnyRig], cause: Cause, i: int, named: str)
     possible = list[Cause]()
     for rig in stages if isinstance(cause, AddedJoint) else stages[-1:]:
         possible = list(candidates_of(type(cause), rig))
-        if any(_alike(cause, other) for other in possible):
+        if any(_alike(cause, other) for other in (*possible, *_elsewhere(cause, rig))):
             return
     listed = ", ".join(other.label for other in possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
     accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
     _refuse(i, "cause", f"{found(named)} ({cause.label}) does not apply", accepted)
+
+
+def _elsewhere(cause: Cause, rig: AnyRig) -> Iterable[Cause]:
+    """A joint and others of its kind at places of the body that the rig does not name."""
+    if isinstance(cause, AddedJoint) and isinstance(rig, JointedRig):
+        with suppress(ValueError):
+            return type(cause).candidates(naming(rig, (cause.at.removeprefix("-1*"), cause.to)))
+    return ()
 
 
 def _alike(cause: Cause, other: Cause) -> bool:

@@ -169,6 +169,12 @@ class MatrixBody(Elastic):
         """Return the degrees of freedom that are free translations of the point of one of them."""
         return same_point(place, self._numbers.keys() - set(self.fixed))
 
+    def everywhere(self, names: Sequence[str], places: Sequence[str]) -> tuple[Array, Array]:
+        """Rows (f, n) of any free degrees of freedom in the lowest modes, and their flexibility (f, p) to places."""
+        modes, at = self._lowest, self._places(names)
+        rest = self._pencil.rest(modes, unit_loads(len(self._free), self._places(places)))
+        return modes.shapes[at], rest[at] / self.stiffness_factor
+
     def with_modes(self, modes: int, places: Sequence[str]) -> "MatrixBody":
         """Return the same body with another number of modes, or with as many as its mass has."""
         return replace(self, modes=min(modes, self._most_modes(self._places(places))))

@@ -18,6 +18,7 @@ from models.causes.cause import Cause, Unknown
 from models.jointed import JointedRig
 from models.joints import Joint, JointLaw, PolynomialSpring
 from models.joints.joint import terms
+from models.parts import Channel
 from models.structure import Array
 
 SMALL = 1e-6
@@ -178,6 +179,19 @@ def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
     return [(place, "") for place in places] + pairs
 
 
+def naming(rig: JointedRig, places: Iterable[str]) -> JointedRig:
+    """The rig with sensors, which no record has, at places that it does not name: joints may be there then.
+
+    Raises
+    ------
+    ValueError
+        If a place is none of its body.
+    """
+    unknown = [place for place in dict.fromkeys(places) if place and place not in rig.places]
+    sensors = tuple(Channel(f"motion of {place}", "displacement", at=place) for place in unknown)
+    return replace(rig, channels=(*rig.channels, *sensors)) if sensors else rig
+
+
 def moving_most(rig: JointedRig, places: Iterable[str]) -> dict[str, float]:
     """How far some places move by forces of low frequency there, the one that moves most first."""
     named = tuple(places)
@@ -227,7 +241,7 @@ def _alike(one: Array, other: Array) -> bool:
 
 def reach(rig: JointedRig, at: str, to: str) -> tuple[float, float]:
     """Largest motion [m] that the excitation makes between two ends without a joint, and its frequency [rad/s]."""
-    rows, s = _rows(rig), rig.structure
+    rows, s = _rows(naming(rig, (place for end in (at, to) for _, place in terms(end)))), rig.structure
     row = np.sum([w * rows[place] for w, place in terms(at)], axis=0)
     row = row - np.sum([w * rows[place] for w, place in terms(to)], axis=0)
     omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)

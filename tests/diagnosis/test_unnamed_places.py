@@ -1,0 +1,124 @@
+"""A joint that is missing at a degree of freedom which neither a sensor nor the rig file names.
+
+The structure is a chain of masses given by its matrices. Its records come from an independent simulator.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.sparse import csr_array, save_npz
+
+from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.unnamed import unnamed_place
+from hbm.files.extendedrig import write_extended
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.rigfiles.load import load_rig
+from models.bodies import LumpedMass, MatrixBody
+from models.causes.joints import LocalSpring
+from models.jointed import JointedRig
+from models.joints import Joint, Stop
+from models.parts import Channel, Damping, Excitation
+from tests.three_modes import spectra_with_noise
+from tests.truth.modal import Modes, accelerations, gap, nothing, steady
+
+MASSES, SPRING, RATIO = 9, 4.0e4, 0.01
+NAMES = tuple(f"{i}.x" for i in range(1, MASSES + 1))
+SENSORS = ("2.x", "5.x", "7.x", "9.x")
+MASS = np.diag(np.linspace(0.4, 0.8, MASSES))
+STIFFNESS = SPRING * (2.0 * np.eye(MASSES) - np.eye(MASSES, k=1) - np.eye(MASSES, k=-1))
+STIFFNESS[-1, -1] = SPRING
+SQUARES, SHAPES = eigh(STIFFNESS, MASS)
+HZ = np.sqrt(SQUARES) / (2.0 * np.pi)
+STOP, CLEARANCE = 1.0e4, 1e-4
+H = 5
+
+
+def rig_of(*joints: Joint, folder: Path | None = None) -> JointedRig:
+    """The rig; as a file in a folder too."""
+    body = MatrixBody(csr_array(MASS), csr_array(STIFFNESS), NAMES, MASSES)
+    channels = (Channel("force", "force", at="3.x"), *(Channel(f"a{at}", "acceleration", at=at) for at in SENSORS))
+    damping = Damping(modal_ratios=(RATIO,) * MASSES)
+    if folder is not None:
+        save_npz(folder / "m.npz", csr_array(MASS))
+        save_npz(folder / "k.npz", csr_array(STIFFNESS))
+        tables = "".join(f'[[channels]]\nname="a{at}"\nquantity="acceleration"\nat="{at}"\n' for at in SENSORS)
+        (folder / "dofs.txt").write_text("\n".join(NAMES))
+        (folder / "rig.toml").write_text(
+            f'name="chain"\n[matrix]\nmass="m.npz"\nstiffness="k.npz"\ndofs="dofs.txt"\nmodes={MASSES}\n'
+            f'[damping]\nmodal_ratios={[RATIO] * MASSES}\n[excitation]\namplitude=1.0\nat="3.x"\n'
+            f'[[channels]]\nname="force"\nquantity="force"\nat="3.x"\n{tables}'
+        )
+    return JointedRig("chain", body, damping, joints, Excitation(1.0, at="3.x"), channels)
+
+
+@cache
+def measured(at: str, stiffness: float = STOP) -> MeasuredSpectra:
+    """Records about the first two modes at three levels, a stop at a place."""
+    modes = Modes(HZ, np.full(MASSES, RATIO), dict(zip(NAMES, SHAPES, strict=True)))
+    near = np.concatenate([HZ[0] * np.array([0.9, 0.97, 1.0, 1.03, 1.1]), HZ[1] * np.array([0.97, 1.0, 1.03])])
+    hz, force = np.tile(near, 3), np.repeat([0.2, 0.5, 1.0], len(near))
+    q = steady(
+        modes, gap(stiffness, CLEARANCE) if stiffness else nothing, modes.rows[at], "3.x", hz, force, 200, 512, H
+    )
+    seen = {f"a{name}": accelerations(modes, q, name, hz) for name in SENSORS}
+    return spectra_with_noise(rig_of(), seen, hz, force, np.random.default_rng(3), 1e-3)
+
+
+def test_the_place_of_a_missing_joint_is_found_among_all_degrees_of_freedom():
+    """The sentence gives what is left there and at the best place that the rig file names."""
+    place = unnamed_place(rig_of(), measured("4.x"))
+    assert place is not None and place.at == "4.x"
+    assert place.left < 2.0 < 100.0 < place.left_there
+    assert place.named in {"3.x", "5.x"}
+    assert "4.x" in str(place) and f"{place.left:.3g}" in str(place)
+    assert {c.at.removeprefix("-1*") for c in place.joints(None) if not c.to} == {"4.x"}
+    assert {c.to for c in place.joints((LocalSpring, "one-sided-stop"))} >= {"", "9.x"}
+
+
+def test_known_joints_may_do_anything_meanwhile():
+    """A stop at 9.x that the rig file has, its stiffness wrong by a factor of a hundred: it is not missing there."""
+    rig = rig_of(Joint("known", Stop(100.0 * STOP, CLEARANCE), ("9.x",)))
+    assert unnamed_place(rig, measured("9.x")) is None
+
+
+@pytest.mark.parametrize(("at", "stiffness"), [("5.x", STOP), ("4.x", 0.0)], ids=["named", "null"])
+def test_nothing_is_said_where_the_rig_file_names_the_place_or_nothing_is_missing(at: str, stiffness: float):
+    assert unnamed_place(rig_of(), measured(at, stiffness)) is None
+
+
+def test_bodies_whose_other_places_are_not_known_are_left_alone():
+    rig = rig_of()
+    assert unnamed_place(replace(rig, masses=(LumpedMass("5.x", 0.1),)), measured("4.x")) is None
+    held = replace(rig, body=replace(rig.body, modes=4, reduction="craig-bampton"), damping=Damping())
+    assert unnamed_place(held, measured("4.x")) is None
+
+
+def test_a_stop_at_such_a_place_is_named_with_its_numbers(tmp_path: Path):
+    """And written: the extended rig file names the place, and is loaded again."""
+    rig_of(folder=tmp_path)
+    rig = load_rig(tmp_path / "rig.toml")
+    found = diagnose(rig, measured("4.x"), held_out=(), causes=("local-spring", "one-sided-stop"))
+    assert (found.verdict, found.cause) == ("cause-found", "one-sided-stop"), found
+    assert found.parameters["at"].value == "4.x"
+    for name, true in (("stiffness", STOP), ("gap", CLEARANCE)):
+        assert abs(found.parameters[name].value - true) < 3.0 * found.parameters[name].std + 0.01 * true
+    assert any("4.x, which the rig file does not name" in line for line in found.evidence)
+    again = load_rig(write_extended(tmp_path / "extended.toml", tmp_path / "rig.toml", found))
+    assert "4.x" in again.places and [c.name for c in again.channels] == [c.name for c in rig.channels]
+
+
+def test_a_joint_may_be_added_anywhere_on_a_body(tmp_path: Path):
+    """A place of the body that the rig file does not name; what is no place of it is refused as before."""
+    rig_of(folder=tmp_path)
+    text = (tmp_path / "rig.toml").read_text()
+    table = '[[extensions]]\ncause="local-spring"\nat="{}"\nstiffness=100.0\n'
+    (tmp_path / "there.toml").write_text(text + table.format("4.x"))
+    assert load_rig(tmp_path / "there.toml").joints[0].at == ("4.x",)
+    assert max(LocalSpring("4.x").unknowns(rig_of())[0].starts) > 0.0
+    (tmp_path / "nowhere.toml").write_text(text + table.format("12.x"))
+    with pytest.raises(ValueError, match=r"local-spring 12\.x\) does not apply; must be one of local-spring"):
+        load_rig(tmp_path / "nowhere.toml")
