@@ -148,7 +148,7 @@ def test_a_mean_that_motion_decides_is_found(
     found in time and, without that, from the linear motion.
     """
     if way:
-        monkeypatch.setattr(start, way, lambda *_: None)
+        monkeypatch.setattr(start, way, lambda *_, **__: None)
     paper = load_rig(RIG, allow_code=True)
     body = replace(paper.body, length=0.45, width=0.03, thickness=0.004)
     damping, force = Damping(mass_proportional=6.0), replace(paper.excitation, position=0.225)

@@ -1,54 +1,44 @@
-"""Steady states from time integration: a start where no way through the balance leads to a solution."""
+"""A march in time from rest: a start where no way through the balance leads to a solution, or why there is none."""
 
 import numpy as np
 
-from hbm.balance.jointed import JointBalance
-from hbm.balance.problem import AnyBalance, HarmonicBalance
+from hbm.balance.problem import AnyBalance
 from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
+from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
-from hbm.integration.jointmarch import LEAST_STEPS, JointMarcher, resolving_steps
+from hbm.integration.jointed import JointHistory
 
 PERIODS = 60
 """Marched from rest: to what settles in them Newton's method is close enough, and near to what nearly does."""
 
+March = TimeHistory | JointHistory
 
-def settled(problem: AnyBalance, lam: float) -> Array | None:
-    """Unknowns of the motion of a rig some periods after rest; None where the march stops."""
+
+def march_from_rest(problem: AnyBalance, lam: float) -> March | None:
+    """The last two periods of a motion of a rig from rest; None where the march stops."""
     if problem.periods != 1:
         return None
-    hz, F = problem.hz_at(lam), problem.at(lam)[1]
+    hz = problem.hz_at(lam)
     try:
-        q, f = _joints(problem, hz, F) if isinstance(problem, JointBalance) else _contact(problem, hz, F)
+        return simulate(problem.rig, hz, level=problem.at(lam)[1], duration=PERIODS / hz, last_periods=2)
     except (ArithmeticError, ValueError):
         return None
-    analysis = FourierBasis(problem.basis.H, len(q)).analysis
-    return problem.pack(State(analysis @ q, analysis @ f, 2 * np.pi * hz, F))[0]
 
 
-def _joints(problem: JointBalance, hz: float, F: float) -> tuple[Array, Array]:
-    """Modes and forces at the samples of the last period."""
-    n, marcher = problem.structure.n, JointMarcher(problem.rig, hz, F, resolving_steps(problem.rig, hz, LEAST_STEPS))
-    X = np.zeros((1, marcher.size))
-    for _ in range(PERIODS):
-        X, _ = marcher.period(X[-1])
-    X = np.roll(X, 1, axis=0)  # phase 0 is the last state of a period
-    return X[:, :n], X[:, marcher.step.layout.f]
+def settled(problem: AnyBalance, march: March) -> Array:
+    """Unknowns of the last period of a march."""
+    period = slice(-march.samples_per_period - 1, -1)
+    forces = march.f if isinstance(march, JointHistory) else march.friction
+    analysis = FourierBasis(problem.basis.H, march.samples_per_period).analysis
+    state = State(analysis @ march.q[period], analysis @ forces[period], 2 * np.pi * march.hz, march.level)
+    return problem.pack(state)[0]
 
 
-def _contact(problem: HarmonicBalance, hz: float, F: float) -> tuple[Array, Array]:
-    """Modes and friction at the samples of the last period."""
-    history = simulate(problem.rig, hz, level=F, duration=PERIODS / hz, last_periods=1)
-    return history.q[:-1], history.friction[:-1]
-
-
-def restless(problem: AnyBalance, lam: float) -> str:
-    """How far a motion from rest is from periodic after as many periods, in words; nothing where it cannot be told."""
-    if problem.periods != 1:
+def restless(march: March | None) -> str:
+    """How far the end of a march is from periodic, in words; nothing where it stopped."""
+    if march is None:
         return ""
-    hz, F = problem.hz_at(lam), problem.at(lam)[1]
-    try:
-        change = simulate(problem.rig, hz, level=F, duration=PERIODS / hz, last_periods=2).steadiness
-    except (ArithmeticError, ValueError):
-        return ""
-    return f"; marched in time, the motion still changes by {change:.2g} of itself over its {PERIODS}th period"
+    return (
+        f"; marched in time, the motion still changes by {march.steadiness:.2g} of itself over its {PERIODS}th period"
+    )

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.forceless import without_force
 from hbm.response.liftoff import solve_lifting
-from hbm.response.settling import restless, settled
+from hbm.response.settling import March, march_from_rest, restless, settled
 from hbm.response.steps import newton_settings, ramp_settings
 
 FEW = (3, 5, 7, 9)
@@ -28,6 +28,9 @@ Late = Callable[[object], bool]
 
 Begin = Callable[[AnyBalance, float], Array]
 """Where Newton's method begins at a value of the parameter."""
+
+Marched = Callable[[], March | None]
+"""The motion from rest at the value of the parameter, marched in time when first asked for."""
 
 Way = Callable[[AnyBalance, float, Late], Array | None]
 """From nothing to a solution at a value of the parameter, or to none."""
@@ -53,12 +56,13 @@ def first_solution(problem: AnyBalance, lam: float, seconds: float = math.inf) -
         If none does, or not in that time.
     """
     ends = time.monotonic() + seconds
-    return _first(problem, lam, lambda _: time.monotonic() > ends)
+    return _first(problem, lam, lambda _: time.monotonic() > ends, cache(partial(march_from_rest, problem, lam)))
 
 
-def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
+def _first(problem: AnyBalance, lam: float, late: Late, marched: Marched) -> Array:
     linear: tuple[Way, ...] = (partial(_directly, begin=_linear), partial(_by_force, begin=_linear))
-    ways: tuple[Way, ...] = (_directly, _by_samples, _by_harmonics, _by_force, _from_afar, _by_time, *linear)
+    by_samples, by_time = (partial(way, marched=marched) for way in (_by_samples, _by_time))
+    ways: tuple[Way, ...] = (_directly, by_samples, _by_harmonics, _by_force, _from_afar, by_time, *linear)
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     for way in ways:
         x = way(problem, lam, late)
@@ -72,7 +76,7 @@ def _first(problem: AnyBalance, lam: float, late: Late) -> Array:
         raise ConvergenceError(f"first solution: none at {where}: {silent}: force not finite; must be for every motion")
     raise ConvergenceError(
         f"first solution: none at {where}, neither from rest or linear motion, nor with few harmonics first, along a "
-        f"force ramp, from a far frequency or a march in time{restless(problem, lam)}; try more harmonics or "
+        f"force ramp, from a far frequency or a march in time{restless(marched())}; try more harmonics or "
         "samples, another frequency, softer contacts, more damping of the higher modes, or simulate it in time"
     )
 
@@ -101,13 +105,13 @@ def _directly(problem: AnyBalance, lam: float, late: Late, begin: Begin = _rest)
     return result.x if result.converged else None
 
 
-def _by_samples(problem: AnyBalance, lam: float, late: Late) -> Array | None:
+def _by_samples(problem: AnyBalance, lam: float, late: Late, marched: Marched) -> Array | None:
     usual = default_samples(problem.basis.H)
     if problem.basis.N_t <= usual:
         return None
     coarse = problem.on(FourierBasis(problem.basis.H, usual))
     try:
-        start = coarse.unpack(_first(coarse, lam, late), lam)
+        start = coarse.unpack(_first(coarse, lam, late, marched), lam)
     except ConvergenceError:
         return None
     result = solve_lifting(problem, start, lam, newton_settings())
@@ -145,10 +149,12 @@ def _from_afar(problem: AnyBalance, lam: float, late: Late) -> Array | None:
     return None
 
 
-def _by_time(problem: AnyBalance, lam: float, late: Late) -> Array | None:
-    start = settled(problem, lam)
-    result = None if start is None else solve_at(problem, start, lam, newton_settings())
-    return result.x if result is not None and result.converged else None
+def _by_time(problem: AnyBalance, lam: float, late: Late, marched: Marched) -> Array | None:
+    march = marched()
+    if march is None:
+        return None
+    result = solve_at(problem, settled(problem, march), lam, newton_settings())
+    return result.x if result.converged else None
 
 
 def _by_harmonics(problem: AnyBalance, lam: float, late: Late) -> Array | None:

@@ -16,7 +16,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.integration.handover import state_at_phase_zero
-from hbm.response import start
+from hbm.response import settling, start
 from hbm.response.bifurcations import stability_of
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
@@ -250,6 +250,23 @@ def test_where_no_way_leads_to_a_motion_it_is_said_how_far_one_is_from_periodic(
 
     assert change(1e-3) > 0.1
     assert change(0.05) < 1e-6
+
+
+def test_a_motion_is_marched_once_for_its_start_and_for_what_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the usual samples first, then with more, which begin with a solution of those."""
+    for way in ("_directly", "_by_harmonics", "_by_force", "_from_afar"):
+        monkeypatch.setattr(start, way, lambda *_, **__: None)
+    marches = []
+
+    def counted(*args: Any, **settings: Any) -> Any:
+        marches.append(settings["duration"])
+        return integrate.simulate(*args, **settings)
+
+    monkeypatch.setattr(settling, "simulate", counted)
+    rig = replace(with_lift(paper()), damping=Damping(modal_ratios=(1e-3,)))
+    with pytest.raises(ConvergenceError, match="still changes by"):
+        steady_state(rig, 40.0, level=200.0, harmonics=3, samples=512)
+    assert marches == [60 / 40.0]
 
 
 def test_ramps_of_the_force_have_so_many_points_together(monkeypatch: pytest.MonkeyPatch) -> None:
