@@ -206,6 +206,7 @@ def _error(error: NumericalError) -> dict[str, Any]:
         "at_peak": asdict(error.at_peak),
         "worst": asdict(error.worst),
         "closure": error.closure,
+        "chosen": error.chosen,
         "probes": [asdict(p) for p in error.probes],
     }
 

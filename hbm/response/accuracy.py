@@ -4,6 +4,7 @@ Everything here is measured, not assumed: some points of the curve are solved ag
 more samples and more modes, and the change is the estimate.
 """
 
+import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import harmonics_for, holding
 from hbm.errors import expect_level, expect_positive
 from hbm.fourier import Array, FourierBasis, default_samples
-from hbm.response.assessment import Assessment, NumericalError, Probe
+from hbm.response.assessment import Assessment, NumericalError, Probe, worst_of
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
@@ -38,6 +39,10 @@ sensor has 80 dB to see it with."""
 SAMPLES_LIMIT = 4096
 SPREAD = 16
 """Points spread over a curve that are solved again to estimate its error."""
+
+ESTIMATE = 0.1
+"""Part of a curve's seconds that the estimate of its error may take: points that open take seconds each to solve again,
+others milliseconds."""
 
 
 def frequency_response(
@@ -67,7 +72,8 @@ def frequency_response(
     on_point : callable, optional
         Progress: called with frequency and point number.
     budget : Budget, optional
-        Most points of the curve, and seconds: the choice of harmonics takes up to half of them.
+        Most points of the curve, and seconds: the choice of harmonics takes up to half of them. The estimate of the
+        error may take a tenth as many more, and the point that it is at.
 
     Returns
     -------
@@ -92,7 +98,7 @@ def frequency_response(
         N_t, reason = default_samples(H), f"H = {H} as asked for"
     budget = budget.after(time.monotonic() - began)
     curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point, budget=budget)
-    error = estimate_error(curve)
+    error = estimate_error(curve, ESTIMATE * budget.seconds)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 
 
@@ -199,18 +205,24 @@ def peaks(curve: ResponseCurve) -> set[int]:
 
 
 def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
-    """Points worth solving again: the peaks, the one with the strongest high harmonics, some spread over the curve."""
+    """Points worth solving again: the peak, that of each force, the one with the strongest high harmonics, some spread.
+
+    The peak is the first; the others are in order of travel.
+    """
     tail = np.linalg.norm(curve["drive"].amplitude[:, 2 * curve.basis.H // 3 :], axis=1)
     spread = np.linspace(0, len(curve.points) - 1, SPREAD).astype(int).tolist()
-    return [curve.points[i] for i in sorted({*peaks(curve), int(np.argmax(tail)), *spread})]
+    others = [curve.points[i] for i in sorted({*peaks(curve), int(np.argmax(tail)), *spread})]
+    return [curve.peak, *(p for p in others if p is not curve.peak)]
 
 
-def estimate_error(curve: ResponseCurve) -> NumericalError:
-    """Estimate the numerical error of a curve by solving some of its points again, refined."""
-    found = probes(curve)
-    peak = next(i for i, p in enumerate(found) if p is curve.peak)
-    table = _probed(curve.rig, found, peak, scales_of(curve.rig, curve.points))
-    return NumericalError(table, table[peak], max(p.closure for p in curve.points))
+def estimate_error(curve: ResponseCurve, seconds: float = math.inf) -> NumericalError:
+    """Estimate the numerical error of a curve by solving some of its points again, refined.
+
+    No point but the peak is begun later than `seconds`; those that are left out are counted.
+    """
+    chosen = probes(curve)
+    table = _probed(curve.rig, chosen, scales_of(curve.rig, curve.points), seconds)
+    return NumericalError(table, table[0], max(p.closure for p in curve.points), len(chosen))
 
 
 def error_of(rig: AnyRig, solution: PeriodicSolution) -> Probe:
@@ -234,35 +246,44 @@ def error_of(rig: AnyRig, solution: PeriodicSolution) -> Probe:
         If the solution is not one of this rig.
     """
     balanced(balance_of(rig, solution.basis, level=solution.level, periods=solution.periods), solution, "error_of")
-    return _probed(rig, [solution], 0, scales_of(rig, [solution]))[0]
+    return _probed(rig, [solution], scales_of(rig, [solution]))[0]
 
 
-def _probed(rig: AnyRig, found: Sequence[PeriodicSolution], peak: int, scales: dict[str, float]) -> tuple[Probe, ...]:
-    """Changes of solutions with finer numerics; the sources told apart where they are largest, and at one of them."""
+def _probed(
+    rig: AnyRig, found: Sequence[PeriodicSolution], scales: dict[str, float], seconds: float = math.inf
+) -> tuple[Probe, ...]:
+    """Changes of solutions with finer numerics, as many as there is time for.
+
+    The sources are told apart at the first, and where the change is largest.
+    """
     H, N_t, n = found[0].basis.H, found[0].basis.N_t, rig.structure.n
     finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
-
-    def changes(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
-        """Relative change of each point on another discretisation, nan where it was not found."""
-        again = _solve_again(found, rig, H, N_t)
-        return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
-
-    total = changes(found, finer_rig, finer_H, finer_N)
-    worst = peak if np.all(np.isnan(total)) else int(np.nanargmax(total))
-    told_apart = sorted({peak, worst})
     shares = {
         "harmonics": (rig, finer_H, N_t if N_t > 4 * finer_H else finer_N),
         "samples": (rig, H, finer_N),
         "modes": (finer_rig, H, N_t),
     }
-    sources = {name: np.full(len(found), np.nan) for name in shares}
-    for name, finer_problem in shares.items():
-        if name != "modes" or finer_rig.structure.n > n:
-            sources[name][told_apart] = changes([found[i] for i in told_apart], *finer_problem)
-    return tuple(
-        Probe(p.hz, **{name: float(change[i]) for name, change in sources.items()}, total=float(total[i]))
-        for i, p in enumerate(found)
-    )
+    ends = time.monotonic() + seconds
+
+    def change(point: PeriodicSolution, rig: AnyRig, H: int, N_t: int) -> float:
+        return relative_change(point, _solve_again([point], rig, H, N_t)[0], scales)
+
+    def told_apart(i: int) -> Probe:
+        sources = [name for name in shares if name != "modes" or finer_rig.structure.n > n]
+        return replace(table[i], **{name: change(found[i], *shares[name]) for name in sources})
+
+    table: list[Probe] = []
+    for point in found:
+        if table and time.monotonic() > ends:
+            break
+        total = change(point, finer_rig, finer_H, finer_N)
+        table.append(Probe(point.hz, harmonics=math.nan, samples=math.nan, modes=math.nan, total=total))
+        if point is found[0]:
+            table[0] = told_apart(0)
+    worst = table.index(worst_of(table))
+    if worst and time.monotonic() <= ends:
+        table[worst] = told_apart(worst)
+    return tuple(table)
 
 
 def _solve_again(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> list[PeriodicSolution | None]:
@@ -341,6 +362,8 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
         yield f"at the peak {finer(H)} harmonics change {what} by {error.at_peak.harmonics:.2%} of its largest{lifted}"
     if error.largest("samples") > tolerance:
         yield f"{2 * curve.basis.N_t} samples change {what} by up to {error.largest('samples'):.2%} of its largest"
+    if len(error.probes) < error.chosen:
+        yield f"the numerical error is that of {len(error.probes)} of {error.chosen} points: its time was over"
     if error.lost:
         numerics = f"{finer(H)} harmonics, {2 * curve.basis.N_t} samples and more modes"
         peak = ", the peak among them" if np.isnan(error.at_peak.total) else ""

@@ -1,5 +1,6 @@
 """What is known of the accuracy of a curve."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,11 @@ def _share(error: float) -> str:
     return "not estimated" if np.isnan(error) else f"{error:.2%}"
 
 
+def worst_of(probes: Sequence[Probe]) -> Probe:
+    """The probe of largest total error; the first where none is known."""
+    return max(probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
+
+
 @dataclass(frozen=True)
 class NumericalError:
     """Estimated numerical error of a curve, relative to the peak of each judged channel.
@@ -47,21 +53,24 @@ class NumericalError:
     Attributes
     ----------
     probes : tuple of Probe
-        The points that were solved again, in order of travel.
+        The points that were solved again: the one at the peak, then others in order of travel.
     at_peak : Probe
         The one at the largest drive displacement.
     closure : float
         Largest change of the friction state over a period, relative to its range.
+    chosen : int
+        Points that were to be solved again; fewer were where the time was over.
     """
 
     probes: tuple[Probe, ...]
     at_peak: Probe
     closure: float
+    chosen: int
 
     @property
     def worst(self) -> Probe:
         """The probe of largest total error."""
-        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
+        return worst_of(self.probes)
 
     @property
     def lost(self) -> tuple[Probe, ...]:
@@ -79,6 +88,8 @@ class NumericalError:
         at_most = f"at most {_share(w.total)} near {w.hz:.5g} Hz"
         if self.lost:
             at_most += f", not estimated at {len(self.lost)} of {len(self.probes)} points"
+        if len(self.probes) < self.chosen:
+            at_most += f", of {len(self.probes)} of {self.chosen} points in the time"
         return f"{self.at_peak.shares(' at the peak')}, {at_most}; loop closure {self.closure:.0e}"
 
 

@@ -1,5 +1,7 @@
 """The numerical error of a curve is measured, and the measure is honest."""
 
+from itertools import count
+
 import numpy as np
 import pytest
 from rigs import HZ, beam, oscillator
@@ -72,10 +74,10 @@ def test_too_few_samples_are_said():
 def test_what_was_not_estimated_is_said_in_words(coarse):
     at = Probe(50.0, harmonics=2e-3, samples=1e-4, modes=np.nan, total=np.nan)
     said = "not estimated at the peak (harmonics 0.20%, samples 0.01%, modes not estimated), at most not estimated near"
-    assert repr(NumericalError((at,), at, 0.0)).startswith(said)
+    assert repr(NumericalError((at,), at, 0.0, 1)).startswith(said)
     found = Probe(45.0, harmonics=np.nan, samples=np.nan, modes=np.nan, total=1e-5)
     said = "at most 0.00% near 45 Hz, not estimated at 1 of 2 points"
-    assert said in repr(NumericalError((found, at), at, 0.0))
+    assert said in repr(NumericalError((found, at), at, 0.0, 2))
     assert "nan" not in repr(estimate_error(coarse))
 
 
@@ -136,3 +138,18 @@ def test_a_peak_that_is_not_found_with_finer_numerics_is_not_assessed(coarse, mo
     assert (row["at the peak\n%"], row["worst\n%"]) == ("not assessed", "not assessed")
     said = f"the numerical error is not assessed at 1 of {len(error.probes)} points, the peak among them: nothing was"
     assert any(w.startswith(said) for w in accuracy._warnings(coarse, error, 5e-3))
+
+
+def test_an_estimate_ends_with_its_time_and_says_of_how_many_points_it_is(coarse, monkeypatch):
+    """The peak comes first; the others are those of an estimate without a limit, and none is made up."""
+    whole, clock = estimate_error(coarse), count()
+    alone = estimate_error(coarse, 0.0)
+    assert alone.probes == (whole.at_peak,)
+    assert f"of 1 of {whole.chosen} points in the time" in repr(alone)
+    monkeypatch.setattr(accuracy.time, "monotonic", lambda: next(clock))
+    few = estimate_error(coarse, 5)
+    assert [(p.hz, p.total) for p in few.probes] == [(p.hz, p.total) for p in whole.probes[:6]]
+    said = f"the numerical error is that of 6 of {whole.chosen} points: its time was over"
+    assert said in accuracy._warnings(coarse, few, 5e-3)
+    assert whole.chosen == len(whole.probes) > 6
+    assert not any("its time" in w for w in accuracy._warnings(coarse, whole, 5e-3))

@@ -16,8 +16,11 @@ from hbm import frequency_response, load_rig
 from hbm.balance.problem import HarmonicBalance
 from hbm.fourier import FourierBasis
 from hbm.modes.backbone import nonlinear_mode
-from hbm.response import start, trace
+from hbm.response import accuracy, start, trace
+from hbm.response.accuracy import estimate_error
+from hbm.response.assessment import NumericalError
 from hbm.response.budget import CRAWL, FOLDS, Along, Budget, Watch, continue_within, in_units
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import trace_frequency
 from hbm.tracking.parameterresponse import parameter_response
 
@@ -102,10 +105,17 @@ def test_the_choice_of_harmonics_and_the_first_solution_share_the_budget(monkeyp
         given.append(budget)
         return continue_within(budget, *rest, **more)
 
+    def estimated(curve: ResponseCurve, seconds: float) -> NumericalError:
+        estimates.append(seconds)
+        return estimate_error(curve, seconds)
+
+    estimates: list[float] = []
     monkeypatch.setattr(trace, "continue_within", within)
+    monkeypatch.setattr(accuracy, "estimate_error", estimated)
     frequency_response(load_rig(PAPER), (48.0, 52.0), budget=Budget(seconds=200.0))
     scout, curve = given
     assert (scout.seconds, scout.points, curve.seconds) == (100.0, Budget().points, 200.0)
+    assert estimates == [20.0]
     assert 0.0 < scout.spent < 50.0 and scout.spent < curve.spent <= 100.0
 
 
