@@ -4,11 +4,12 @@
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from hbm.balance.contactloss import contact_lost, joints_open
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
@@ -134,6 +135,8 @@ class PeriodicSolution(Displayed):
         Mean force on a free body that nothing balances, relative to the excitation.
     conservative : tuple of str
         Joints that give back within the period all that they take, as springs and stops do.
+    off : dict of str to float
+        Share of the period for which contacts that may separate are open: "the tip", or "joint NAME".
     """
 
     hz: float
@@ -146,6 +149,7 @@ class PeriodicSolution(Displayed):
     energy_error: float
     unheld: float = 0.0
     conservative: tuple[str, ...] = ()
+    off: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Say where it is, the peak of each channel, and what is not known of it."""
@@ -159,11 +163,10 @@ class PeriodicSolution(Displayed):
 
     @property
     def _leaving(self) -> list[str]:
-        """What a tip that leaves its support does, in words."""
+        """What contacts that separate do, in words."""
         if self.lift_off:
             return ["the tip would lift off: the normal reaction turns negative; the model keeps it on its support"]
-        off = self.off if "normal" in self.channels else 0.0
-        return [f"the tip is off its support for {off:.0%} of the period"] if off else []
+        return contact_lost([self.off])
 
     def __getitem__(self, name: str) -> Signal:
         """Channel by name."""
@@ -191,11 +194,6 @@ class PeriodicSolution(Displayed):
     def unsolved(self) -> bool:
         """Whether a law is not solved at its samples, or its loop not closed: then this is no motion of the rig."""
         return not self.closure <= UNSOLVED
-
-    @property
-    def off(self) -> float:
-        """Share of the period without a reaction: for which a tip that can lift off is off its support."""
-        return float(np.mean(self.channels["normal"].samples <= 0.0))
 
     @property
     def work_rate(self) -> float:
@@ -316,8 +314,9 @@ def described(problem: HarmonicBalance, state: State, hz: float, kin: Kinematics
         "friction": friction,
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
+    off = {"the tip": float(np.mean(normal <= 0.0))} if rig.contact.lift_off else {}
     energy = _energy_error(problem, state, kin, channels)
-    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy)
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, off=off)
 
 
 def _unborne(problem: HarmonicBalance, state: State) -> Array:
@@ -379,7 +378,8 @@ def describe_joints(problem: JointEquations, state: State, hz: float) -> Periodi
     energy = _joint_energy_error(problem, state, channels)
     unheld = float(np.abs(problem.held_adrift(state)).max(initial=0.0)) / problem.modal_force_ref
     conservative = tuple(j.name for j, law in zip(rig.joints, problem.joints, strict=True) if law.conservative)
-    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld, conservative)
+    off = joints_open(rig, found)
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld, conservative, off)
 
 
 def _joint_energy_error(problem: JointEquations, state: State, channels: Mapping[str, Signal]) -> float:

@@ -13,6 +13,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from hbm.balance.contactloss import contact_lost
 from hbm.errors import shortened, visible
 from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
@@ -99,7 +100,7 @@ def print_curves(console: Console, curves: Sequence["ResponseCurve"]) -> None:
         (_numerics_row(c, known) for c, known in assessed),
     )
     for c, known in assessed:
-        remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
+        remarks = [known.reason, *contact_lost([p.off for p in c.points]), *(f"warning: {w}" for w in known.warnings)]
         print_lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
     for c in curves:
         print_lines(console, [f"{c.level:g} N: {line}" for line in _stability_lines(c)])

@@ -50,7 +50,7 @@ def ranked(e: Evaluation, held_out: float | None) -> Ranked:
 
 def off_support(base: Evaluation) -> Iterator[str]:
     """For how long the tip is off its support."""
-    share = {number: solution.off for number, solution in base.solutions.items()}
+    share = {number: max(solution.off.values()) for number, solution in base.solutions.items()}
     lifted = [number for number, off in share.items() if off > 0.0]
     if lifted:
         yield (

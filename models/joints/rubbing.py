@@ -10,9 +10,11 @@ from numbers import Real
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from models.friction.law import ContactSample, FrictionLaw, parameter
 from models.joints.law import JointSample, Value, check_bounds
+from models.structure import Array
 
 ANY = -float("inf")
 
@@ -28,6 +30,11 @@ def pressure(load: Value, stiffness: Value, w: Value) -> Value:
 def at_rest(load: Value) -> Value:
     """What of a load at rest is borne."""
     return ca.fmax(load, 0.0)
+
+
+def _open(load: Value, changes: Array) -> Array:
+    """Samples (N,) at which an elastic contact gives back all of its load, (N, 1); none without one, (N, 0)."""
+    return np.asarray((changes >= float(at_rest(load))).any(axis=1))
 
 
 def _loaded(where: str, load: Value, needed: str) -> None:
@@ -86,6 +93,10 @@ class Friction:
             return self.normal_load + s.load
         return pressure(self.normal_load, self.normal_stiffness, s.u[1])
 
+    def separated(self, forces: Array) -> Array:
+        """Samples (N,) at which its normal contact is open, of its forces (N, ports)."""
+        return _open(self.normal_load, forces[:, 1:])
+
     def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
         """Advance the friction law under the present load."""
         nominal = self.normal_load if self.reference_load is None else self.reference_load
@@ -124,6 +135,10 @@ class PlaneFriction:
         check_bounds(self)
         if isinstance(self.normal_stiffness, Real) and self.normal_stiffness == 0.0:
             _loaded("PlaneFriction: normal_load", self.normal_load, "a normal_stiffness")
+
+    def separated(self, forces: Array) -> Array:
+        """Samples (N,) at which it is open, of its forces (N, ports)."""
+        return _open(self.normal_load, forces[:, 2:])
 
     def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
         """Return to the circle mu N."""

@@ -69,7 +69,7 @@ def test_a_tip_that_stays_on_its_support_moves_as_if_it_were_kept_there() -> Non
 
 def test_a_motion_says_for_how_long_its_tip_is_off_its_support() -> None:
     _, kept, free = lifted()
-    assert f"the tip is off its support for {off(free):.0%} of the period" in str(free)
+    assert f"the tip is out of contact for {off(free):.0%} of the period" in str(free)
     assert "the tip would lift off: the normal reaction turns negative; the model keeps it" in str(kept)
     assert "tip" not in str(steady_state(paper(), HZ, level=1.0, harmonics=3))
 
