@@ -139,8 +139,8 @@ def assumed(rig: Rig, spectra: MeasuredSpectra) -> Iterator[str]:
         partly = [k for k in range(spectra.H) if seen[:, k].any() and not seen[:, k].all()]
         for missing, where in ((never, ""), (partly, " in all records")):
             if missing:
-                effect = "count as zero" if name == force else "rest on the other channels"
-                sentence = f"{harmonics(missing)} not measured{where}; there they {effect}"
+                effect = "taken for zero" if name == force else "left to the other channels"
+                sentence = f"{harmonics(missing)} not measured{where}; {effect}"
                 lacks.setdefault(sentence, []).append(name)
     for sentence, names in lacks.items():
         yield f"{', '.join(names)}: {sentence}"

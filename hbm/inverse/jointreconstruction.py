@@ -101,7 +101,7 @@ class JointReconstruction(Reconstructed):
         missing = np.flatnonzero(~found.all(axis=0)).tolist()
         if missing:
             said.append(
-                f"{harmonics(missing)} of the joint forces: the sensors do not tell them apart in "
+                f"{harmonics(missing)}: the sensors do not tell the joint forces apart in "
                 f"{np.count_nonzero(~found.all(axis=1))} of {len(self)} records; left out there"
             )
         wrong = self.spectra.labels[~consistent(self.misfit)].tolist()

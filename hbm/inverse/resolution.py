@@ -83,7 +83,7 @@ class Resolution:
         unseen = np.flatnonzero(np.isinf(self.by_sensors))
         if len(unseen):
             yield (
-                f"{harmonics(unseen)} of friction: no sensor measured them; zero to "
+                f"{harmonics(unseen)} of friction: measured by no sensor; zero to "
                 f"{np.linalg.norm(self.std[unseen]):.2g} N rms beside {total:.2g} N, as the prior expects"
             )
         if self.above > MOST_ABOVE * total:

@@ -214,8 +214,8 @@ def test_what_was_not_measured_is_said_once(noisy: MeasuredSpectra) -> None:
     std[:, [noisy.index("a2"), noisy.index("a5")], 6:] = np.nan
     std[:, noisy.index("force"), 2:] = np.nan
     assert check_sensors(RIG, replace(noisy, std=std)).findings == (
-        "force: harmonics 2..9 not measured; there they count as zero",
-        "a2, a5: harmonics 6..9 not measured; there they rest on the other channels",
+        "force: harmonics 2..9 not measured; taken for zero",
+        "a2, a5: harmonics 6..9 not measured; left to the other channels",
     )
 
 

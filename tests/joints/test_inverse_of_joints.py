@@ -152,7 +152,7 @@ def test_a_harmonic_that_was_not_measured_is_left_out(solution: object) -> None:
     found = reconstruct_joints(RIG, replace(spectra, std=std))
     assert np.argwhere(~found.found[:, 1:]).tolist() == [[1, 3]]
     assert found.warnings[0] == (
-        "harmonic 4 of the joint forces: the sensors do not tell them apart in 1 of 3 records; left out there"
+        "harmonic 4: the sensors do not tell the joint forces apart in 1 of 3 records; left out there"
     )
     assert np.isfinite(found["rub.force"].samples).all()
 
