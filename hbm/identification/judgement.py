@@ -68,5 +68,8 @@ def _not_reached(coordinates: Coordinates, scales: Scales) -> dict[str, str]:
     """Reasons why limits of friction are not determined where no record slips: no linear deviation says so."""
     if not scales.sticks_at:
         return {}
+    seen = scales.sticks_at * scales.load
+    limit = f"no record slips, friction is seen up to {seen:.3g} N, {scales.sticks_at:.2g} times the reaction"
     limits = [name for name in coordinates.free if coordinates.parameters[name].unit == "1" and name.startswith("mu")]
-    return dict.fromkeys(limits, f"no record slips, friction is seen up to {scales.sticks_at:.2g} times the reaction")
+    slip = f"no record slips, elastic slip is seen up to {seen / scales.stiffness:.2g} m"
+    return dict.fromkeys(limits, limit) | dict.fromkeys({"critical_slip"} & coordinates.free.keys(), slip)

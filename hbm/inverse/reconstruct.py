@@ -4,7 +4,7 @@
 force, slip and reaction, energy and uncertainty, is the same for all of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +73,7 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
         )
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
-    beside = () if check.unit else _beside(contact, result.slips)
+    beside = () if check.unit else (*_beside(contact, result.slips), *_held(result))
     return replace(result, warnings=(*spectra.silent, *check.findings, *beside), unit=check.unit)
 
 
@@ -81,6 +81,14 @@ def _beside(contact: Contact, slips: npt.NDArray[np.bool_]) -> tuple[str, ...]:
     """Warnings about what was found, beside those about sensors."""
     resolution = resolution_of(contact.estimate).warnings
     return (*_gains(contact), *resolution, *contact.unseen.warnings(contact.samples, slips))
+
+
+def _held(found: Reconstruction) -> Iterator[str]:
+    """The least that the limit of friction can be where no record slips: half of what friction spans, mean or not."""
+    T = found["friction"]
+    span = (T.samples - 2.0 * T.std).max(axis=1) - (T.samples + 2.0 * T.std).min(axis=1)
+    if not found.slips.any() and span.max() > 0.0:
+        yield f"no record slips: the limit of friction is at least {span.max() / 2.0:.3g} N"
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:

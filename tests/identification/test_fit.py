@@ -150,7 +150,9 @@ def test_limits_of_friction_are_not_determined_where_no_record_slips_nor_what_is
         fitted_parameters(of.coordinates, of.x, covariance, replace(SCALES, sticks_at=at)) for at in (0.0, 0.43)
     )
     assert [e.undetermined for e in slides.entries] == ["", "within 2 std of 0"]
-    assert sticks["mu"].undetermined == "no record slips, friction is seen up to 0.43 times the reaction"
+    seen = 0.43 * SCALES.load
+    assert sticks["mu"].undetermined == f"no record slips, friction is seen up to {seen:.3g} N, 0.43 times the reaction"
+    assert sticks["critical_slip"].undetermined == f"no record slips, elastic slip is seen up to {seen / 9e6:.2g} m"
 
 
 def test_static_coefficient_never_falls_below_the_kinetic_one():

@@ -315,6 +315,11 @@ def test_the_mean_that_a_stuck_contact_keeps_is_in_the_bands_of_the_rest() -> No
     assert np.sqrt(np.mean(np.abs(off) ** 2 / 2)) > 5 * np.median(found.resolution[:, 1])
     most = np.max(np.abs(friction.samples) / found["normal"].samples)
     assert scales_of(found).sticks_at == pytest.approx(most)  # no fit knows a limit beyond it
+    limit = "no record slips: the limit of friction is at least "
+    (least,) = (float(w.removeprefix(limit).removesuffix(" N")) for w in found.warnings if w.startswith(limit))
+    borne = max(np.ptp(T) for T in kept) / 2
+    assert 0.9 * borne < least < borne
+    assert not any(w.startswith(limit) for w in reconstruct(RIG, measured(RIG, RECORDS, STD, 9)).warnings)
 
 
 @pytest.mark.parametrize("channels", [("a1", "a2", "a3", "a4", "a5", "a6"), ("a2", "a5")])
