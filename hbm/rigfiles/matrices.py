@@ -1,4 +1,4 @@
-"""Matrices of finite-element models: SciPy, Matrix Market and MAT files, and the text that Abaqus writes."""
+"""Matrices of finite-element models: NumPy, SciPy, Matrix Market and MAT files, and the text that Abaqus writes."""
 
 import re
 import warnings
@@ -19,7 +19,7 @@ from models.bodies.matrixchecks import is_half, real
 from models.bodies.pencil import added
 
 Matrix = Any  # of scipy.sparse, which has no types
-ENDINGS = (".npz", ".mtx", ".mat")
+ENDINGS = (".npz", ".npy", ".mtx", ".mat")
 LARGEST = 10_000_000
 """Degrees of freedom; a file may claim any number of them."""
 LARGEST_LABEL = 1e15
@@ -34,15 +34,15 @@ def read_matrix(path: StrPath, key: str | None = None) -> Matrix:
     Parameters
     ----------
     path : str or path
-        ``.npz`` of :func:`scipy.sparse.save_npz` or of named arrays, ``.mat`` (v5 to v7), or ``.mtx``, Matrix Market or
-        the text of :func:`read_abaqus`.
+        ``.npz`` of :func:`scipy.sparse.save_npz` or of named arrays, ``.npy``, ``.mat`` (v5 to v7), or ``.mtx``, Matrix
+        Market or the text of :func:`read_abaqus`.
     key : str, optional
         Name of the array in an ``.npz`` or ``.mat`` that has several; ``model.K`` of a struct `model`.
 
     Returns
     -------
     (m, n) sparse array
-        The whole of a square matrix of which either half is given.
+        The whole of a square matrix of which either half is given; a column of an array of one dimension.
 
     Raises
     ------
@@ -53,9 +53,11 @@ def read_matrix(path: StrPath, key: str | None = None) -> Matrix:
     if ending not in ENDINGS:
         raise InputError(f"{path}: ends in {ending or 'nothing'}; must end in {', '.join(ENDINGS)}")
     _refuse_absent(path)
-    if ending == ".mtx":
+    if ending in (".mtx", ".npy"):
         if key is not None:
-            raise InputError(f'{path}: key = "{key}"; must be absent, a .mtx file has one matrix')
+            raise InputError(f'{path}: key = "{key}"; must be absent, a {ending} file has one matrix')
+        if ending == ".npy":
+            return _of(path, _npy(path))
         return _of(path, _matrix_market(path)) if is_matrix_market(path) else read_abaqus(path)[0]
     return _npz(path, key) if ending == ".npz" else _mat(path, key)
 
@@ -195,6 +197,14 @@ def _matrix_market(path: StrPath) -> Any:
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None
 
 
+def _npy(path: StrPath) -> Any:
+    try:
+        with Path(path).open("rb") as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
+    except Exception as refused:  # NumPy lets through whatever its headers raise
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be .npy of numpy.save") from None
+
+
 def _npz(path: StrPath, key: str | None) -> Matrix:
     accepted = "must be .npz of scipy.sparse.save_npz, or of named arrays"
     arrays = load_npz(path, accepted)
@@ -244,6 +254,8 @@ def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
     """What was found as a sparse array, the whole of it where it is either half of a square one."""
     found = real(found)
     kind = getattr(getattr(found, "dtype", None), "kind", "O")
+    if kind in "iufb" and getattr(found, "ndim", 0) == 1:
+        found = found.reshape((-1, 1))
     if kind not in "iufb" or len(getattr(found, "shape", ())) != 2:
         shape = " x ".join(str(n) for n in getattr(found, "shape", ())) or "no"
         what = {"c": "complex", "O": "not numbers", "U": "text"}.get(kind, "numbers")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
+from scipy import sparse
 
 from hbm.errors import InputError, visible
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
@@ -49,6 +50,8 @@ def matrix_body(matrix: MatrixTable, folder: Path, places: Sequence[str]) -> Mat
     """
     stiffness, names = _read(matrix.stiffness, folder, None)
     mass, _ = _read(matrix.mass, folder, names)
+    if 1 in mass.shape:  # lumped: what each degree of freedom has alone
+        mass = sparse.diags_array(mass.toarray().ravel())
     damping = None if matrix.damping is None else _read(matrix.damping, folder, names)[0]
     if matrix.dofs is not None:
         names = _names(matrix.dofs, folder, mass.shape[0])
@@ -108,10 +111,12 @@ def _names(file: str, folder: Path, rows: int) -> tuple[str, ...]:
 
 
 def _by_place(names: Sequence[str]) -> dict[str, list[str]]:
-    """Degrees of freedom by their own names, and by those of their nodes, which stand for all that they have."""
+    """Degrees of freedom by their own names, by those of their nodes, and by ``*.rz``, which stand for several."""
     known: dict[str, list[str]] = {}
     for name in names:
         parts = name.split(".")
+        if len(parts) > 1:
+            known.setdefault(f"*.{parts[-1]}", []).append(name)
         for end in range(1, len(parts) + 1):
             known.setdefault(".".join(parts[:end]), []).append(name)
     return known

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.io import mmwrite, savemat
+from scipy.linalg import eigh
 
 from hbm.errors import InputError
 from hbm.rigfiles.load import load_rig
@@ -19,14 +20,20 @@ K = sparse.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 
 def test_every_format_gives_the_same_matrix(tmp_path: Path) -> None:
     sparse.save_npz(tmp_path / "sparse.npz", K)
     np.savez(tmp_path / "named.npz", K=K.toarray(), M=np.eye(3))
+    np.save(tmp_path / "K.npy", K.toarray())
     mmwrite(tmp_path / "K.mtx", K)
     savemat(tmp_path / "model.mat", {"K": sparse.csc_array(K), "M": np.eye(3)})
-    for name, key in (("sparse.npz", None), ("named.npz", "K"), ("K.mtx", None), ("model.mat", "K")):
+    for name, key in (("sparse.npz", None), ("named.npz", "K"), ("K.npy", None), ("K.mtx", None), ("model.mat", "K")):
         assert np.array_equal(read_matrix(tmp_path / name, key).toarray(), K.toarray()), name
     with pytest.raises(InputError, match="no key; must be one of K, M"):
         read_matrix(tmp_path / "named.npz")
     with pytest.raises(InputError, match="must end in"):
         read_matrix(tmp_path / "K.txt")
+    with pytest.raises(InputError, match=r'K.npy: key = "K"; must be absent, a .npy file has one matrix'):
+        read_matrix(tmp_path / "K.npy", "K")
+    np.save(tmp_path / "code.npy", np.array([print]), allow_pickle=True)
+    with pytest.raises(InputError, match=r"cannot be read \(.*\); must be .npy of numpy.save"):
+        read_matrix(tmp_path / "code.npy")
     with pytest.raises(InputError, match="cannot be read"):
         read_matrix(tmp_path / "none.npz")
 
@@ -177,7 +184,8 @@ at = "2.x"
         (tmp_path / "dofs.txt").write_text(names, encoding="utf-8")
         assert load_rig(path).body.dofs == ("1.x", "2.x", "3.x")
     (tmp_path / "two.txt").write_text("end A\nend B\n")
-    np.save(tmp_path / "K.npy", K.toarray())
+    np.save(tmp_path / "vector.npy", np.ones(3))
+    (tmp_path / "K.txt").write_bytes((tmp_path / "K.npz").read_bytes())
     off = K.toarray()
     off[0, 1] -= 0.5
     wrong_files = {"wrong_K": off, "wrong_M": np.diag([1.0, -1.0, 1.0]), "nan": np.diag([1.0, np.nan, 1.0])}
@@ -192,9 +200,10 @@ at = "2.x"
             'two.txt": has 4 names; must have 3, one per row of the matrices, separated by blanks or line ends',
         ),
         (
-            text.replace('"K.npz"', '"K.npy"'),
-            "K.npy: is no text; must end in .npz, .mtx, .mat, or have lines of row node",
+            text.replace('"K.npz"', '"K.txt"'),
+            "K.txt: is no text; must end in .npz, .npy, .mtx, .mat, or have lines of row node",
         ),
+        (text.replace('"K.npz"', '"vector.npy"'), 'stiffness = "vector.npy": is 3 x 1; must be square'),
         (
             text.replace("modes = 2", 'modes = 2\ndamping = "M.npz"'),
             "damping and matrix.damping are both present; must have one of them",
@@ -234,3 +243,38 @@ at = "2.x"
         path.write_text(wrong)
         with pytest.raises(InputError, match=said):
             load_rig(path)
+
+
+def test_lumped_masses_and_a_direction_held_at_every_node(tmp_path: Path) -> None:
+    """A frame of two nodes in a plane: the matrix of its masses, and what of it is free, solved by themselves."""
+    rng, masses = np.random.default_rng(3), np.array([1.0, 1.0, 0.2, 3.0, 3.0, 0.4])
+    root = rng.normal(size=(6, 6))
+    stiffness = root @ root.T + np.eye(6)
+    np.save(tmp_path / "K.npy", stiffness)
+    np.save(tmp_path / "M.npy", masses)
+    savemat(tmp_path / "M.mat", {"m": masses})  # a row, as MATLAB has it
+    mmwrite(tmp_path / "M.mtx", masses[:, None])
+    (tmp_path / "dofs.txt").write_text("1.x 1.y 1.rz 2.x 2.y 2.rz")
+    text = """
+name = "frame"
+[matrix]
+mass = "MASS"
+stiffness = "K.npy"
+dofs = "dofs.txt"
+fixed = ["*.rz", "1.y"]
+[damping]
+modal_ratios = [0.02]
+[excitation]
+amplitude = 1.0
+at = "2.x"
+"""
+    free = [0, 3, 4]
+    squares = eigh(stiffness[np.ix_(free, free)], np.diag(masses[free]), eigvals_only=True)
+    for mass in ("M.npy", "M.mat", "M.mtx"):
+        (tmp_path / "rig.toml").write_text(text.replace("MASS", mass))
+        rig = load_rig(tmp_path / "rig.toml")
+        assert rig.body.fixed == ("1.rz", "2.rz", "1.y")
+        assert rig.structure.omega_n**2 == pytest.approx(squares, rel=1e-10)
+    (tmp_path / "rig.toml").write_text(text.replace("MASS", "M.npy").replace("*.rz", "*.ry"))
+    with pytest.raises(InputError, match=r'matrix.fixed has "\*\.ry"; must be of dofs'):
+        load_rig(tmp_path / "rig.toml")
