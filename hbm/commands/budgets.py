@@ -16,10 +16,11 @@ LARGEST_CURVE = 20_000  # points
 
 MaxPoints = Annotated[str, typer.Option(metavar="N", help="Most points of a curve; it ends there, and is kept.")]
 TraceSeconds = Annotated[
-    str, typer.Option("--max-seconds", metavar="S", help="Longest trace of a curve; it ends there, and is kept.")
+    str, typer.Option("--max-seconds", metavar="S", help="Longest trace by the clock; a curve ends there, and is kept.")
 ]
 RunSeconds = Annotated[
-    str, typer.Option("--max-seconds", metavar="S", help="Longest computation; it ends there, and nothing is written.")
+    str,
+    typer.Option("--max-seconds", metavar="S", help="Longest run by the clock; it ends there, and nothing is written."),
 ]
 
 
