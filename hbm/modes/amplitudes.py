@@ -1,6 +1,6 @@
 """How a motion at given amplitudes of the drive is started and followed: from a linear mode with the contact stuck."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,9 @@ RANGE = (1e-2, 1e2)
 
 STEP = 0.1
 """Largest step in decades of the amplitude; a tenth of the frequency, or of damping, counts as one."""
+
+RELATIVE_STEP = 0.1 * STEP
+"""The same of a large motion per amplitude, as beside internal resonances; by its frequency alone it counts 10."""
 
 BUDGET = Budget(points=2000)
 
@@ -198,7 +201,23 @@ def _continued(
 ) -> Branch:
     along = Along(lambda at: float(10.0**at), "m", FOLDS, ADVICE)
     settings = _settings(linear.weights(problem, lam[0]), lam)
-    return continue_within(budget, along, problem, x, lam[0], settings, on_point, until)
+    branch = continue_within(budget, along, problem, x, lam[0], settings, on_point, until)
+    return branch if branch.complete else replace(branch, message=branch.message + _answer(problem, branch.points[-1]))
+
+
+def _answer(problem: DriveAmplitude, last: Point) -> str:
+    """The harmonic that moves more than the fundamental where a branch ended early, in words; nothing where none does.
+
+    A mode answers it: beside an internal resonance the drive may all but come to rest as that mode grows.
+    """
+    balance, (H, n) = problem.balance, (problem.balance.basis.H, problem.balance.structure.n)
+    velocities = balance.basis.k[1:, None] * last.x[n : balance.basis.size * n].reshape(2 * H, n)
+    energy = np.sum(velocities.reshape(2, H, n) ** 2, axis=0)
+    k, share = int(energy.sum(axis=1).argmax()), energy.sum(axis=1).max() / energy.sum()
+    at = (k + 1) * float(last.x[-2]) * balance.Omega_ref / (2.0 * np.pi)
+    mode = int(energy[k].argmax()) + 1
+    where = f"harmonic {k + 1}, {at:.5g} Hz, most in mode {mode}"
+    return f"; internal resonance: {share:.0%} of the kinetic energy is in {where}" if k else ""
 
 
 def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
@@ -209,6 +228,7 @@ def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
         step=STEP / 5,
         step_min=STEP * 1e-6,
         step_max=STEP,
+        relative_step=RELATIVE_STEP,
         tolerance=TOLERANCE,
         curve_tolerance=CURVE_TOLERANCE,
         weights=weights,

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
@@ -16,6 +17,7 @@ from hbm.modes.backbone import Backbone, nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.modes.linear import linear_modes
 from hbm.modes.sustained import SustainedJoints
+from hbm.response.budget import Budget
 from hbm.response.trace import steady_state, trace_frequency
 from models import Jenkins
 from models.bodies.finite import FiniteBeam
@@ -187,6 +189,54 @@ def test_free_decay_while_both_slide() -> None:
     # averaging neglects the square of the change per cycle, 2 pi D; the frequency is that of damping taken away, to D^2
     assert (np.abs(measured / rate[1:-1] - 1) < (2 * np.pi * damping[1:-1]) ** 2).all()
     assert (np.abs(cycles[:, 1] / hz - 1) < damping**2).all()
+
+
+THREE, RATIO, CUBIC = (10.0, 30.0), 0.06, 4e3
+"""Modes of two masses at 1:3 [Hz], their damping ratio, and a cubic spring at one of the masses [N/m3]."""
+
+
+def two_masses(hz: tuple[float, float], ratio: float) -> JointedRig:
+    body = ModalModel(hz, {"a": (0.5**0.5, 0.5**0.5)})
+    spring = Joint("spring", CubicSpring(CUBIC), ("a",))
+    return JointedRig("two masses", body, Damping(modal_ratios=(ratio, ratio)), (spring,), Excitation(1.0, at="a"), ())
+
+
+def missed(motion: PeriodicSolution, relief: float) -> float:
+    """By how much a motion does not close after a period, of its largest velocity, by equations of its own."""
+    omega, row = 2 * np.pi * np.array(THREE), np.full(2, 0.5**0.5)
+
+    def rates(_: float, state: Array) -> Array:
+        q, v = np.split(state, 2)
+        return np.concatenate([v, -(omega**2) * q - (2 * RATIO * omega - relief) * v - row * CUBIC * (row @ q) ** 3])
+
+    H, Q = motion.basis.H, motion.state.Q
+    velocity = 2 * np.pi * motion.hz * (np.arange(1, H + 1) @ Q[H + 1 :])
+    start = np.concatenate([Q[: H + 1].sum(axis=0), velocity])
+    end = solve_ivp(rates, (0.0, 1.0 / motion.hz), start, rtol=1e-9, atol=1e-9).y[:, -1]
+    return float(np.abs(end - start).max() / np.abs(velocity).max())
+
+
+def test_a_backbone_goes_through_an_internal_resonance() -> None:
+    """Where the drive nearly rests and the third harmonic moves the second mode: steps are in proportion to that."""
+    mode = nonlinear_mode(two_masses(THREE, RATIO), amplitudes=(0.5, 3.8), harmonics=11, budget=Budget(points=800))
+    assert mode.complete and len(mode.folds) == 2
+    assert mode.folds[1] < 0.25 * mode.folds[0]
+    for i in (*(i for i, p in enumerate(mode.branch.points) if p.fold), -1):
+        motion = mode.points[i]
+        assert missed(motion, 4 * np.pi * motion.hz * mode.damping_ratio[i]) < 0.02  # 0.16 with 7 harmonics
+
+
+def test_a_backbone_that_ends_beside_an_internal_resonance_names_it() -> None:
+    late, early = (
+        nonlinear_mode(two_masses((10.0, 35.0), 0.02), amplitudes=(0.5, 3.8), harmonics=5, budget=Budget(points=n))
+        for n in (35, 5)
+    )
+    Q, H = late.points[-1].state.Q, 5
+    energy = np.arange(1, H + 1) ** 2 * np.sum(Q[1 : H + 1] ** 2 + Q[H + 1 :] ** 2, axis=1)
+    said = f"internal resonance: {energy[2] / energy.sum():.0%} of the kinetic energy is in harmonic 3, "
+    assert not late.complete and energy[2] > 0.5 * energy.sum()
+    assert f"{said}{3 * late.hz[-1]:.5g} Hz, most in mode 2" in str(late)
+    assert not early.complete and "internal" not in str(early)
 
 
 def test_what_is_no_mode_is_refused() -> None:
