@@ -16,6 +16,7 @@ from hbm.diagnosis.search import Search
 from hbm.inverse.units import with_gain
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.model import Model
 from hbm.outputerror.whitened import Whitened
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorGain
@@ -70,7 +71,7 @@ class Evidence:
         yield from (f"Sensors: {line}." for line in search.sensors)
         yield from self._misfits()
         yield from lifted(self.decision.best or self.decision.base)
-        yield from self._moved()
+        yield from at_bounds(search.trust, search.calibrated)
         if verdict == "consistent" and not misfit(self.plain["nominal"][0], self.noise).fits:
             yield from _calibrated(self.plain["calibrated"][0])
         yield from self._scores()
@@ -106,14 +107,6 @@ class Evidence:
             )
             if e.missing:
                 yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
-
-    def _moved(self) -> Iterator[str]:
-        far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
-        if far:
-            yield (
-                f"Calibration moves {first_of(far, MOVED)} as many tolerances as it may: a number of the rig file is "
-                "wrong, or physics is missing."
-            )
 
     def _scores(self) -> Iterator[str]:
         screening = self.search.screenings[0]
@@ -153,6 +146,16 @@ class Evidence:
             yield f"Beside it: {cause.label}, {said}."
         same = [e for e in self.search.fitted if bool(e.model.calibrated) == bool(best.model.calibrated)]
         yield from shares_of_two(best, same, base, lambda e: beside_noise(e, self.search.campaign).white)
+
+
+def at_bounds(trust: Model, calibrated: Evaluation) -> Iterator[str]:
+    """Numbers of the rig file that calibration moves as far as it may, if any."""
+    far = [f"{key} ({pull:+.1f})" for key, pull in off(trust, calibrated).items()]
+    if far:
+        yield (
+            f"Calibration moves {first_of(far, MOVED)} as many tolerances as it may: a number of the rig file is "
+            "wrong, or physics is missing."
+        )
 
 
 def _calibrated(e: Evaluation) -> Iterator[str]:

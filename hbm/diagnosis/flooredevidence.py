@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from hbm.diagnosis.barred import told_of_barred
-from hbm.diagnosis.evidence import shares_of_two
+from hbm.diagnosis.evidence import at_bounds, shares_of_two
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.remainder import LEFT, percent
 from hbm.outputerror.background import LARGEST
@@ -60,6 +60,7 @@ def floored_evidence(
             f"({e.white.chi2 / len(e.white):.4g} noise variances)."
         )
 
+    yield from at_bounds(search.trust, search.calibrated)
     yield from _raced(search)
     if search.barred is not None:
         yield told_of_barred(search.beside(search.barred, 0.0), search.trust)

@@ -57,7 +57,7 @@ ENOUGH = 1e-3
 the race it is begun anew once, for steps that were damped promise less than there is."""
 
 PULLED = 2.0
-"""A number of the rig file may be wrong that calibration moves by so many tolerances."""
+"""A number of the rig file may be wrong that costs as much of chi2 as one moved by so many tolerances alone would."""
 
 
 Candidate = tuple[Cause, Sequence[dict[str, float]]]
@@ -160,8 +160,8 @@ class FlooredSearch:
         return found
 
     def _pulled(self, base: Evaluation) -> Iterator[Cause]:
-        """Numbers of the rig file that may be wrong: those that calibration moves far."""
-        moved = {f.name for f, pull in zip(base.model.free, base.pulls, strict=True) if abs(pull) > PULLED}
+        """Numbers of the rig file that may be wrong: those whose tolerance costs much, as what is left tells."""
+        moved = {f.name for f, cost in zip(base.model.free, base.costs, strict=True) if cost > PULLED**2}
         for cause in self.candidates:
             if not isinstance(cause, AddedJoint) and not base.model.causes:
                 keys = {u.key for u in cause.unknowns(base.model.nominal)}
@@ -192,7 +192,7 @@ class FlooredSearch:
 
     def decide(self) -> Evaluation | None:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
-        if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST:
+        if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST and tolerable(self.trust, self.calibrated):
             return None
         settled = self.campaign
         few = min(1.0, np.sqrt(len(self.calibrated.white) / TOLD))

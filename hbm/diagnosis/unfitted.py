@@ -88,8 +88,8 @@ def why_unraced(search: FlooredSearch, candidate: Cause) -> str:
         return "where it was fitted, it leaves too much, or numbers of the rig file leave their tolerances"
     if not isinstance(candidate, AddedJoint):
         return (
-            "of such measurements only joints of the catalogue are tried, and numbers of the rig file that calibration "
-            "moves far"
+            "of such measurements only joints of the catalogue are tried, and numbers of the rig file whose tolerance "
+            "costs much"
         )
     more = "others promise more, to first order"
     return more if candidate.label in promising else "it promises nothing, to first order"

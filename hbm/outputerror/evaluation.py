@@ -91,6 +91,16 @@ class Evaluation:
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
 
     @property
+    def costs(self) -> Array:
+        """Of each number, by how much chi2 would fall if nothing were expected of it, to first order, (n,).
+
+        It is more than the square of its pull, for others are pulled in its place: of two numbers of which the records
+        see the product alone, by as much again.
+        """
+        known = np.diag(self.covariance) * np.diag(self.expected) ** 2  # share of its expectation in what is known
+        return self.pulls**2 / np.maximum(1.0 - known, np.finfo(float).tiny)
+
+    @property
     def scales(self) -> Array:
         """Standard deviations of the values by those of the coordinates, (n,)."""
         return np.abs([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])

@@ -113,7 +113,9 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
         elif key in STIFFNESSES:
             found[key] = TOLERANCES["beam.youngs_modulus"]
         elif key.startswith("joints.") and value > 0.0:
-            found[key] = TOLERANCES.get(FRICTION + key.rpartition(".")[2], TOLERANCES["friction"])
+            name = key.rpartition(".")[2]
+            of_contact = LOAD if name == "normal_load" else FRICTION + name
+            found[key] = TOLERANCES.get(of_contact, TOLERANCES["friction"])
         elif key.startswith("damping.modal_ratios") and value > 0.0:
             found[key] = RATIO
         elif key == ALPHA and value > 0.0:

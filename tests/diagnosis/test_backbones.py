@@ -19,7 +19,8 @@ from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
-from hbm.outputerror.evaluation import start_from
+from hbm.outputerror.evaluation import Evaluation, start_from
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import Solutions
 from hbm.response.budget import Budget
@@ -57,6 +58,13 @@ amplitude = 1.0
 name = "acc"
 quantity = "acceleration"
 at = "m3"
+"""
+SPRING = """
+[[joints]]
+name = "bolt"
+law = "polynomial-spring"
+linear = 8e3
+at = "tip"
 """
 AMPLITUDES = np.geomspace(14.0, 0.4, 12)
 LARGEST = 14.0 / (2 * np.pi * 80.0) ** 2
@@ -172,6 +180,45 @@ def test_a_damped_decay_is_slower_than_the_mode_by_the_closed_form(tmp_path: Pat
         for i, step in enumerate(1e-5 * np.diag(numbers)):
             slope = (closed(*(numbers + step)) - closed(*(numbers - step))) / (2.0 * step[i])
             np.testing.assert_allclose(found.by_keys[..., i].ravel(), slope, rtol=1e-5, atol=1e-9)
+
+
+def test_a_number_at_its_bound_is_told_and_tried_where_calibration_leaves_noise_alone(tmp_path: Path) -> None:
+    """A frequency 1.82 % higher: 3.5 tolerances of it, and the spring takes what they leave."""
+    (tmp_path / "sprung.toml").write_text(RIG.format(ratio=0.0012) + SPRING)
+    rig = load_rig(tmp_path / "sprung.toml")
+    assert isinstance(rig, JointedRig)
+    keys = "modal.frequencies_hz[1]", "joints.bolt.linear"
+    truth = rig.with_numbers({keys[0]: 1.0182 * 80.0})
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=[f"parameter:{key}" for key in keys])
+    assert found.verdict == "unexplained"
+    assert found.errors["calibrated"]["train"].chi2_reduced < 1.0
+    assert {r.label for r in found.ranking} == {f"parameter:{key}" for key in keys}
+    assert (
+        "Calibration moves modal.frequencies_hz[1] (+3.5) as many tolerances as it may: a number of the rig file is "
+        "wrong, or physics is missing."
+    ) in found.evidence
+
+
+def test_what_a_tolerance_costs_is_what_a_fit_without_it_takes(tmp_path: Path) -> None:
+    """Of a frequency, a spring that does nearly the same, and a damping ratio; all are nearly linear."""
+    (tmp_path / "sprung.toml").write_text(RIG.format(ratio=0.0012) + SPRING.replace("8e3", "8e4"))
+    rig = load_rig(tmp_path / "sprung.toml")
+    assert isinstance(rig, JointedRig)
+    known = {"modal.frequencies_hz[1]": 2e-3, "joints.bolt.linear": 0.02, "damping.modal_ratios[1]": 0.2}
+    truth = rig.with_numbers({"modal.frequencies_hz[1]": 80.4, "damping.modal_ratios[1]": 0.0015})
+    decay = decayed(truth, 1)
+    campaign = backbone_campaign(rig, decay, range(1, 13), float(decay.hz.mean()))
+
+    def fitted(known: dict[str, float]) -> Evaluation:
+        model = Model(rig, known)
+        return fit_model(model, campaign, model.start, {}, settled=1e-6)
+
+    e = fitted(known)
+    for f, cost in zip(e.model.free, e.costs, strict=True):
+        without = fitted({**known, f.name: np.inf})
+        assert cost == pytest.approx(e.chi2 - without.chi2, rel=0.03), f.name
+        assert cost > 0.1
+    assert np.all(e.costs[:2] > 1.5 * e.pulls[:2] ** 2)  # the one is pulled in the place of the other
 
 
 def test_a_law_that_is_not_tried_is_not_explained(rig: JointedRig, tmp_path: Path) -> None:

@@ -227,6 +227,27 @@ def test_tolerances_of_the_file_go_before_those_of_the_diagnosis(tmp_path: Path)
     assert tolerances(load_rig(file), ["tip"]) == pytest.approx(expected)
 
 
+RUBS = """
+[[joints]]
+name = "pad"
+law = "iwan"
+mu = 0.4
+stiffness = 1e5
+normal_load = 20.0
+at = "tip"
+"""
+
+
+def test_a_load_and_a_coefficient_of_a_joint_are_as_well_known_as_those_of_a_contact(tmp_path: Path) -> None:
+    """docs/theory/diagnosis.md, Tolerances."""
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE + RUBS)
+    found = tolerances(load_rig(file), ["tip"])
+    named = {key: std for key, std in found.items() if key.startswith("joints.pad.")}
+    stated = {"mu": 0.02, "normal_load": 0.02, "stiffness": 0.05, "spread": 0.05}
+    assert named == {f"joints.pad.{name}": std for name, std in stated.items()}
+
+
 def test_one_tolerance_that_is_stated_leaves_the_others_as_they_are(tmp_path: Path) -> None:
     file = tmp_path / "rig.toml"
     file.write_text(FILE)
