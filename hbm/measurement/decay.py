@@ -42,6 +42,13 @@ CLEAR = 10.0
 BINS = 12
 """Amplitudes of a table, evenly spaced in their logarithm."""
 
+GROWN = 1.2
+"""A motion is not free that grows by this factor from one window to another."""
+
+RISE, SURE = 3.0, 3.0
+"""Nor is one of which the damping force rises by this factor as it falls, by so many standard deviations: that of
+Coulomb friction stays, others fall."""
+
 
 @dataclass(frozen=True, eq=False)
 class Decay(Displayed):
@@ -156,7 +163,7 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     ------
     InputError
         If the channel is not there, steps of time differ, the band is not within half the sampling rate, or the
-        recording is too short, or what flat tops leave of it.
+        recording is too short, or what flat tops leave of it, or begins at rest.
 
     References
     ----------
@@ -166,16 +173,24 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     t, z, hz, apart = _demodulated(kept, channel, band)
     size = max(FEWEST, round(CYCLES / hz / apart))
     clear = np.abs(z) > max(CLEAR * _noise(z), LEAST * np.abs(z).max())
+    if clear.any() and not clear[0]:
+        raise InputError(
+            f"{kept.source}: {channel} is at rest for {t[int(np.argmax(clear))] - kept.time[0]:.3g} s between "
+            f"{band[0]:g} and {band[1]:g} Hz; must begin in motion: leave out what is before (--settle)"
+        )
     end = len(z) if clear.all() else int(np.argmin(clear))
-    rows = [_window(t[i:j], z[i:j]) for i, j in _windows(np.abs(z[:end]), size)]
-    if not rows:
+    windows = list(_windows(np.abs(z[:end]), size))
+    if not windows:
         raise InputError(
             f"{kept.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
             f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; try a wider band"
         )
+    rows = [_window(t[i:j], z[i:j]) for i, j in windows]
     amplitude, slope, noise = (np.array(column) for column in zip(*rows, strict=True))
     omega = 2 * np.pi * hz + slope.imag
     hz_std, rate_std = (_deviations(part, noise) for part in (slope.imag, slope.real))
+    until = t[[j - 1 for _, j in windows]]
+    warnings += _not_free(kept.source, channel, until, amplitude, -slope.real / omega, rate_std / omega)
     return Decay(
         source=recorded.source,
         channel=channel,
@@ -223,7 +238,16 @@ def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "dec
     bins : int
         Classes, evenly spaced in the logarithm of the amplitude; those with fewer than two windows are left out.
     source : str
+
+    Raises
+    ------
+    InputError
+        If their units differ, or no class has two windows.
     """
+    other = next((d for d in decays if d.unit != decays[0].unit), decays[0])
+    if other.unit != decays[0].unit:
+        named = " and ".join(f"{d.channel} in {d.unit or 'no unit'}" for d in (decays[0], other))
+        raise InputError(f"{source}: {named}; must be of one unit, for they are put together by amplitude")
     columns = "amplitude", "hz", "hz_std", "damping_ratio", "damping_ratio_std"
     A, hz, hz_std, zeta, zeta_std = (np.concatenate([getattr(d, name) for d in decays]) for name in columns)
     edges = np.geomspace(A.min() * (1 - 1e-9), A.max() * (1 + 1e-9), bins + 1)
@@ -233,6 +257,11 @@ def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "dec
         if len(own) > 1:
             of_both = (_mean(values[own], std[own]) for values, std in ((hz, hz_std), (zeta, zeta_std)))
             rows.append((float(np.exp(np.mean(np.log(A[own])))), *chain.from_iterable(of_both)))
+    if not rows:
+        raise InputError(
+            f"{source}: {len(A)} amplitudes in all, each in a class of its own; must be two in one at least: take "
+            "longer decays, or one of them"
+        )
     amplitude, f, f_std, z, z_std = np.array(rows).T
     first, warnings = decays[0], tuple(dict.fromkeys(line for d in decays for line in d.warnings))
     return Decay(source, first.channel, first.unit, amplitude, f, f_std, z, z_std, len(decays), warnings)
@@ -261,6 +290,24 @@ def _below_flat_tops(recorded: Recording, channel: str) -> tuple[Recording, tupl
     after = replace(recorded, source=f"{recorded.source} after its flat tops")
     begin, end = recorded.time[last : last + 2][-1], recorded.time[-1]
     return after.between(float(begin), float(end)), (f"{said} All before is left out",)
+
+
+def _not_free(source: str, channel: str, until: Array, amplitude: Array, ratio: Array, std: Array) -> tuple[str, ...]:
+    """Warning of windows (m,) that no free decay has: a motion that grows, or is damped by more as it falls."""
+    grown = np.flatnonzero(amplitude[1:] > GROWN * np.minimum.accumulate(amplitude)[:-1])
+    lost, of_lost = amplitude * ratio, amplitude * std
+    more = lost - RISE * np.maximum(lost, 0.0)[:, None]
+    rises = np.flatnonzero(np.triu(more > SURE * np.hypot(of_lost, RISE * of_lost[:, None]), 1).any(axis=1))
+    if len(grown):
+        i, said = int(grown[-1]), "grows"
+    elif len(rises):
+        i, said = int(rises[-1]), "is damped by more as it falls"
+    else:
+        return ()
+    return (
+        f"{source}: {channel} {said}: a force acts until {until[i + 1]:.4g} s, or two modes beat. Leave out what is "
+        "before (--settle), or take another band",
+    )
 
 
 def _demodulated(

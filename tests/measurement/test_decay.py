@@ -179,6 +179,55 @@ quantity = "velocity"
 """
 
 
+TIME = np.arange(0.0, 4.0, 1.0 / RATE)
+PHASE = 2 * np.pi * 110.0 * TIME
+
+
+def read(y: np.ndarray, noise: float = 1e-3) -> Decay:
+    own = noise * np.random.default_rng(3).standard_normal(len(y))
+    return free_decay(recording("run.csv", TIME[: len(y)], {"v": y + own}), "v", BAND)
+
+
+def test_a_shaker_that_still_acts_and_modes_that_beat_are_warned_of() -> None:
+    """A linear mode: released at 1.5 s; after a second blow at 2 s; and beside another one 3 Hz away."""
+    fall = np.exp(-0.002 * PHASE)
+    released = np.exp(-0.008 * np.maximum(PHASE - PHASE[6000], 0.0))
+    (driven,) = read(released * np.cos(PHASE)).warnings
+    assert driven.startswith("run.csv: v is damped by more as it falls: a force acts until 1.")
+    assert "(--settle)" in driven
+    again = np.concatenate([fall[:8000], fall[:8000]]) * np.cos(PHASE)
+    beating = fall * (np.cos(PHASE) + 0.5 * np.cos(113.0 / 110.0 * PHASE))
+    for y in (again, beating):
+        (said,) = read(y).warnings
+        assert said.startswith("run.csv: v grows: a force acts until ")
+
+
+@pytest.mark.parametrize(
+    "envelope",
+    [np.exp(-0.004 * PHASE), 1.0 - TIME / 4.05, 1.0 / (1.0 + 5.0 * TIME), np.maximum(1.0 - TIME, np.exp(-TIME) / 3)],
+    ids=["viscous", "Coulomb", "quadratic", "friction that sticks"],
+)
+def test_what_damps_a_free_motion_is_not_warned_of(envelope: np.ndarray) -> None:
+    for noise in (1e-4, 1e-2):
+        assert read(envelope * np.cos(PHASE), noise).warnings == ()
+
+
+def test_a_recording_that_begins_at_rest_is_refused_with_how_long_it_does() -> None:
+    struck = np.where(TIME < 1.0, 0.0, np.exp(-0.008 * (PHASE - PHASE[4000])) * np.cos(PHASE))
+    with pytest.raises(InputError, match=r"run.csv: v is at rest for 0\.9\d* s between 95 and 150 Hz; must begin in"):
+        read(struck)
+
+
+def test_decays_of_two_units_and_those_of_no_common_amplitude_are_not_put_together() -> None:
+    d = read(np.exp(-0.008 * PHASE) * np.cos(PHASE))
+    with pytest.raises(InputError, match="2 decays: v in m/s and a in m/s2; must be of one unit"):
+        over_amplitude([replace(d, unit="m/s"), replace(d, channel="a", unit="m/s2")], source="2 decays")
+    parts = {name: getattr(d, name)[:1] for name in ("amplitude", "hz", "hz_std", "damping_ratio", "damping_ratio_std")}
+    other = {**parts, "amplitude": 2.0 * parts["amplitude"]}
+    with pytest.raises(InputError, match="2 decays: 2 amplitudes in all, each in a class of its own; must be two in"):
+        over_amplitude([replace(d, **parts), replace(d, **other)], source="2 decays")
+
+
 def slider(x0: float, seconds: float, rate: int, k: float = 1250.0) -> Recording:
     """1 kg, 50 Hz, 0.05 %, beside a spring that slips at 0.5 N, by small steps and a return mapping."""
     omega, limit, dt = 2 * np.pi * 50.0, 0.5, 1.0 / rate
