@@ -280,7 +280,7 @@ class FlooredSearch:
             confidence=self._confidence(verdict, named, shares),
             not_separable=tuple(dict.fromkeys([*places, *ties])),
             separate_by=OTHER_MODES if places else "",
-            remainder=self._remainder(judged, shares),
+            remainder=self._remainder(judged, shares, None if named else unseen.get("calibrated")),
             errors=_errors(plain, unseen),
             held_out_records=() if self.hidden is None else tuple(self.hidden.numbers),
             ranking=tuple(self._ranked(e) for e in self.fits),
@@ -346,10 +346,11 @@ class FlooredSearch:
         same = [self.beside(self.calibrated, self.campaign.floor), *self.fits]
         return RELIABLE["foretold" if foretold else verdict] * inclusion(same, named)
 
-    def _remainder(self, e: Evaluation, shares: Mapping[str, float]) -> Remainder:
+    def _remainder(self, e: Evaluation, shares: Mapping[str, float], unseen: Evaluation | None) -> Remainder:
         structured = not self.noise_alone(e)
         size = beyond_noise(e.white) if structured else 0.0
-        return Remainder(shares, size, e.white.chi2 / len(e.white), structured)
+        missed = 0.0 if structured or unseen is None or negligible(unseen.white) else nrmse(unseen.white)
+        return Remainder(shares, size, e.white.chi2 / len(e.white), structured, missed=missed)
 
     def _ranked(self, e: Evaluation) -> Ranked:
         held = self.predicted(e)

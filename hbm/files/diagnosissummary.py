@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.remainder import first_of, nearly_all, percent
+from hbm.diagnosis.remainder import first_of, nearly_all, percent, within_noise
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
 from hbm.files.identifiedlaw import Value, value_text
 from hbm.outputerror.evaluation import Evaluation
@@ -99,7 +99,8 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         e = d.extended_fit
         yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + f".{_ties(d)}"
     elif d.verdict == "unexplained":
-        yield "No cause that was tried takes most of the misfit."
+        asked = d.tried or not d.remainder.missed
+        yield "No cause that was tried takes most of the misfit." if asked else "The records fitted ask for no cause."
         yield from _missing(force)
     elif d.remainder.structured:
         yield "No cause that was tried takes most of what is left."
@@ -114,7 +115,11 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
 
 def _fits_as_it_is(d: Diagnosis) -> bool:
     """Whether the rig file leaves noise alone, before calibration."""
-    return bool(d.nominal and d.campaign and not d.floored and misfit(d.nominal, d.campaign).fits)
+    if d.nominal is None or d.campaign is None:
+        return False
+    if d.floored:
+        return within_noise(d.campaign.whiten(d.nominal.found, d.nominal.by_x))
+    return misfit(d.nominal, d.campaign).fits
 
 
 def _told_by_numbers(d: Diagnosis) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from hbm.diagnosis.backbonecampaign import backbone_campaign
 from hbm.diagnosis.backbones import diagnose_backbone
 from hbm.diagnosis.diagnose import diagnose
 from hbm.errors import InputError
+from hbm.files.diagnosissummary import first_screen
 from hbm.files.outputs import columns_text
 from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
@@ -159,6 +161,21 @@ def test_a_linear_decay_is_consistent(rig: JointedRig, tmp_path: Path) -> None:
     """Counted over five draws of noise."""
     verdicts = [diagnose_backbone(rig, decayed(made(tmp_path, 0.0013), seed)).verdict for seed in range(5)]
     assert verdicts == 5 * ["consistent"]
+
+
+def test_a_rig_file_that_leaves_noise_is_nothing_wrong_and_amplitudes_held_out_alone_are_told(rig: JointedRig) -> None:
+    """The rig file is the truth; then every third amplitude is read 0.2 Hz too high."""
+    right = decayed(rig, 1)
+    told = first_screen(diagnose_backbone(rig, right), None, "", 0.0)
+    assert told["What is wrong"].startswith("Nothing. The rig file misses the records fitted by ")
+    off = right.hz + 0.2 * np.isin(right.records, HELD)
+    found = diagnose_backbone(rig, replace(right, hz=off))
+    assert found.verdict == "unexplained"
+    assert found.remainder.missed == pytest.approx(found.errors["calibrated"]["held_out"].nrmse)
+    told = first_screen(found, None, "", 0.0)
+    assert told["Why"] == "The records fitted ask for no cause."
+    assert told["What remains"].startswith("What remains is noise on the records fitted; those held out are missed by ")
+    assert told["What to measure next"].startswith("What is wrong shows in the records held out alone")
 
 
 def test_a_damped_decay_is_slower_than_the_mode_by_the_closed_form(tmp_path: Path) -> None:
