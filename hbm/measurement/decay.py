@@ -22,6 +22,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.labelled import frame
 from hbm.measurement.clipping import clipped, flat_topped
+from hbm.measurement.freely import not_free, other_modes
 from hbm.measurement.recording import Recording
 from models.display import Displayed
 
@@ -41,13 +42,6 @@ CLEAR = 10.0
 
 BINS = 12
 """Amplitudes of a table, evenly spaced in their logarithm."""
-
-GROWN = 1.2
-"""A motion is not free that grows by this factor from one window to another."""
-
-RISE, SURE = 3.0, 3.0
-"""Nor is one of which the damping force rises by this factor as it falls, by so many standard deviations: that of
-Coulomb friction stays, others fall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +184,10 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     omega = 2 * np.pi * hz + slope.imag
     hz_std, rate_std = (_deviations(part, noise) for part in (slope.imag, slope.real))
     until = t[[j - 1 for _, j in windows]]
-    warnings += _not_free(kept.source, channel, until, amplitude, -slope.real / omega, rate_std / omega)
+    length, begin = round(CYCLES / (hz * kept.step)), t[[i for i, _ in windows]]
+    warnings += not_free(kept.source, channel, until, amplitude, -slope.real / omega, rate_std / omega) or other_modes(
+        kept, channel, band[1], hz, length, begin
+    )
     return Decay(
         source=recorded.source,
         channel=channel,
@@ -290,24 +287,6 @@ def _below_flat_tops(recorded: Recording, channel: str) -> tuple[Recording, tupl
     after = replace(recorded, source=f"{recorded.source} after its flat tops")
     begin, end = recorded.time[last : last + 2][-1], recorded.time[-1]
     return after.between(float(begin), float(end)), (f"{said} All before is left out",)
-
-
-def _not_free(source: str, channel: str, until: Array, amplitude: Array, ratio: Array, std: Array) -> tuple[str, ...]:
-    """Warning of windows (m,) that no free decay has: a motion that grows, or is damped by more as it falls."""
-    grown = np.flatnonzero(amplitude[1:] > GROWN * np.minimum.accumulate(amplitude)[:-1])
-    lost, of_lost = amplitude * ratio, amplitude * std
-    more = lost - RISE * np.maximum(lost, 0.0)[:, None]
-    rises = np.flatnonzero(np.triu(more > SURE * np.hypot(of_lost, RISE * of_lost[:, None]), 1).any(axis=1))
-    if len(grown):
-        i, said = int(grown[-1]), "grows"
-    elif len(rises):
-        i, said = int(rises[-1]), "is damped by more as it falls"
-    else:
-        return ()
-    return (
-        f"{source}: {channel} {said}: a force acts until {until[i + 1]:.4g} s, or two modes beat. Leave out what is "
-        "before (--settle), or take another band",
-    )
 
 
 def _demodulated(

@@ -202,6 +202,27 @@ def test_a_shaker_that_still_acts_and_modes_that_beat_are_warned_of() -> None:
         assert said.startswith("run.csv: v grows: a force acts until ")
 
 
+@pytest.mark.parametrize(("unit", "power"), [("m", 0), ("m/s", 1), ("m/s2", 2), ("", 2)])
+def test_other_modes_are_warned_of_as_far_as_they_move_the_place(unit: str, power: int) -> None:
+    """Of a displacement a tenth as large at first, 0.025 at 1.39 s; pieces have 0.15 s. Harmonics are none."""
+    own, other = np.exp(-0.3 * TIME), 0.1 * np.exp(-1.3 * TIME)
+    harmonic = 0.1 * np.exp(-0.9 * TIME) * np.cos(3 * PHASE)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal(len(TIME))
+    for size, hz in ((1.0, 243.0), (0.1, 243.0), (1.0, 1600.0)):
+        y = own * np.cos(PHASE) + size * other * (hz / 110.0) ** power * np.cos(2 * np.pi * hz * TIME)
+        d = free_decay(recording("run.csv", TIME, {"v": y + harmonic + noise}, {"v": unit}), "v", BAND)
+        if size < 1.0:
+            assert d.warnings == ()
+            continue
+        (said,) = d.warnings
+        found = re.match(r"run.csv: until ([0-9.]+) s modes above 150 Hz move v by up to ([0-9.]+)%", said)
+        assert found is not None
+        assert float(found[1]) == pytest.approx(1.46, abs=0.15)
+        assert float(found[2]) == pytest.approx(
+            10.0 * np.exp(-0.13), abs=0.4
+        )  # the middle of the first piece is at 0.13 s
+
+
 @pytest.mark.parametrize(
     "envelope",
     [np.exp(-0.004 * PHASE), 1.0 - TIME / 4.05, 1.0 / (1.0 + 5.0 * TIME), np.maximum(1.0 - TIME, np.exp(-TIME) / 3)],
