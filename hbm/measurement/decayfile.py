@@ -47,13 +47,14 @@ def load_decay(path: StrPath) -> Decay:
 
 
 def _numbers(where: str, texts: list[str]) -> Array:
-    """Numbers of a row, all but the damping ratio above zero."""
+    """Numbers of a row, all but the damping ratio above zero; what does not vibrate has no frequency."""
     try:
         row = np.array([float(text) for text in texts])
     except ValueError:
         raise InputError(f"{where}: {', '.join(texts)}; must be numbers, {', '.join(NUMBERS)}") from None
     for name, value in zip(NUMBERS, row, strict=True):
-        if not np.isfinite(value) or (name != "damping_ratio" and value <= 0.0):
-            accepted = "finite" if name == "damping_ratio" else "> 0"
+        signed = name == "damping_ratio"
+        if not (abs(value) < 1.0 if signed else 0.0 < value < np.inf):
+            accepted = "above -1 and below 1, 0.01 where it is 1 %" if signed else "> 0"
             raise InputError(f"{where}: {name} = {value:g}; must be {accepted}")
     return row

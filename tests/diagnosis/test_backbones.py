@@ -372,6 +372,14 @@ HEADING = "channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping
         ),
         (HEADING, "no rows; must have one per amplitude"),
         (HEADING + "v,1,80,0,0.1,0.1\n", "line 2: frequency_hz_std = 0; must be > 0"),
+        *(
+            (
+                HEADING + f"v,1,80,1,{ratio},0.1\n",
+                f"line 2: damping_ratio = {ratio}; must be above -1 and below 1, 0.01 w",
+            )
+            for ratio in ("1.2", "-1", "nan", "inf")
+        ),
+        (HEADING + "v,inf,80,1,0.1,0.1\n", "line 2: amplitude = inf; must be > 0"),
         (HEADING + "v,1,80,x,0.1,0.1\n", "line 2: 1, 80, x, 0.1, 0.1; must be numbers"),
         (HEADING + "v,1,80,1\n", "line 2: 4 entries; must have 6"),
         (
