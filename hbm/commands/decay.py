@@ -83,10 +83,15 @@ def _decays(histories: list[Path], names: list[str], band: tuple[float, float], 
     from hbm.measurement.decay import free_decay, over_amplitude
     from hbm.measurement.historyfile import load_history
     from hbm.measurement.manifest import entries_of
+    from hbm.measurement.recording import TIMES
 
     decays = []
     for entry in entries_of(histories):
-        recorded = load_history(entry.file, entry.channels, entry.units).between(entry.begin, entry.end)
+        # what else is in the file may be a hammer in volts, or a temperature
+        columns = {name: entry.channels.get(name, name) for name in names}
+        columns |= {name: vector for name, vector in entry.channels.items() if name == TIMES[0]}
+        units = {name: unit for name, unit in entry.units.items() if name in columns}
+        recorded = load_history(entry.file, columns, units).between(entry.begin, entry.end)
         kept = recorded.between(float(recorded.time[0]) + settle, entry.end)
         decays += [free_decay(kept, name, band) for name in names]
     return decays[0] if len(decays) == 1 else over_amplitude(decays, source=f"{len(decays)} decays")

@@ -320,6 +320,21 @@ def test_the_command_prints_and_writes_the_table(motion, tmp_path: Path) -> None
     assert "3 decays" in result.stdout
 
 
+def test_what_else_is_in_a_file_may_be_in_any_unit(motion, tmp_path: Path) -> None:
+    t, *_ = motion
+    columns = np.column_stack([t, np.ones_like(t), blow(motion, 0).channels["v"], np.full_like(t, 21.0)])
+    heading = "time_s,hammer [V],v [mm/s],room [degC]"
+    np.savetxt(tmp_path / "blow.csv", columns, delimiter=",", header=heading, comments="")
+    (tmp_path / "manifest.csv").write_text("file,channels,units\nblow.csv,tip=v|room=room,room=K\n")
+    for file, channel in (("blow.csv", "v"), ("manifest.csv", "tip")):
+        args = ["decay", str(tmp_path / file), "--band", "95", "150", "--channel"]
+        result = CliRunner().invoke(app, [*args, channel])
+        assert result.exit_code == 0, result.output
+        assert "m/s" in result.stdout
+        refused = CliRunner().invoke(app, [*args, "w"])
+        assert refused.stderr == f'{tmp_path / "blow.csv"}: no channel "w"; channels are hammer, v, room\n'
+
+
 def test_a_channel_the_rig_does_not_have_is_refused(motion, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG)
     t, *_ = motion
