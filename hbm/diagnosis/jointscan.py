@@ -8,6 +8,7 @@ force-state map, fitted by one law after the other.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Protocol
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from hbm.aft.joint import JointOverPeriod
 from hbm.diagnosis.discrepancy import WhiteRecord, read_by
+from hbm.diagnosis.freeforces import EndsOfRig
 from hbm.diagnosis.jointplaces import JointPlace
 from hbm.diagnosis.places import Complex
 from hbm.diagnosis.projection import Span
@@ -53,7 +55,7 @@ class Scanned:
     deviation: float = 0.0
 
 
-def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Iterator[Scanned]:
+def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint], *, large: bool = False) -> Iterator[Scanned]:
     """Score candidates on some records of a base.
 
     Parameters
@@ -63,13 +65,19 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
     few : Campaign
         Those records, simulated as in the base.
     causes : sequence of AddedJoint
+    large : bool
+        Whether the base misses so much that what is linear in that does not hold: then the linear structure takes its
+        place, with free forces at its joints, if a force at one place explains nearly all.
     """
     rig = few.numerics.working.rig(base.model.rig(base.x))
     records = [r for r in few.data.records if r.number in base.found]
     if not isinstance(rig, JointedRig) or not causes or not records:
         return
     ends = tried_ends(rig, causes)
-    yield from scanned(base, [_pushed(r, base, few, rig, ends) for r in records], ends, causes)
+    free = EndsOfRig(rig, few.data, ends) if large else None
+    of_model = partial(_pushed, base, few, rig, ends)
+    made = partial(_free, free, base) if free is not None and free.told else of_model
+    yield from scanned(base, [made(r) for r in records], ends, causes)
 
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
@@ -134,7 +142,16 @@ class PushedRecord:
         return np.asarray(self.columns[i] @ np.concatenate([amplitudes.real, -amplitudes.imag]))
 
 
-def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends]) -> PushedRecord:
+def _free(free: EndsOfRig, base: Evaluation, record: Record) -> PushedRecord:
+    """A record of which a force at one place explains nearly all, beside the linear structure: at any size of it."""
+    missed, columns, motion = free.of_record(record)
+    listed, omega = record.listed, 2 * np.pi * record.hz
+    residual, largest = missed[listed], np.abs(motion).sum(axis=1)
+    by_place = list(np.moveaxis(columns[listed], 1, 0))
+    return PushedRecord(residual, np.zeros((len(residual), len(base.x))), by_place, motion, largest, omega, omega)
+
+
+def _pushed(base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends], record: Record) -> PushedRecord:
     here, solution, H = record.rig(rig), base.found[record.number].solution, few.data.H
     assert isinstance(here, JointedRig)
     found = pushed(here, solution, ends, H)

@@ -126,7 +126,7 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
             best[score.cause.label] = score
     for cause in candidates:
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
-    scanned = [s for s in scan(base, campaign.of(few.numbers), joints) if s.starts]
+    scanned = [s for s in scan(base, campaign.of(few.numbers), joints, large=not small(base)) if s.starts]
     likely = HOPELESS * max((s.drop for s in scanned), default=0.0)
     best |= {
         s.cause.label: Score(s.cause, s.drop, s.z, s.signature, s.starts[0], starts=s.starts)

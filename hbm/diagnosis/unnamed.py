@@ -1,27 +1,19 @@
-"""Where a structure given by its matrices lacks a force, of all its degrees of freedom, whatever the force.
-
-What is not linear of it are the joints of its rig file. Where a force at each of their ports is free, harmonic by
-harmonic, all the rest answers linearly however large the motion is: what a free force at one more place then leaves of
-the records says whether a joint is missing there, before anything is known of its law.
-"""
+"""Where a structure given by its matrices lacks a joint, of all its degrees of freedom."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.channels import factor
-from hbm.diagnosis.discrepancy import ALIKE, LEFT_OVER
-from hbm.fourier import MANY, Array
-from hbm.inverse.sensing import Readings, readings
+from hbm.diagnosis.discrepancy import ALIKE
+from hbm.diagnosis.freeforces import NEARLY, free_forces
+from hbm.fourier import MANY
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.measured import measured
 from models.bodies import MatrixBody
 from models.causes.addedjoint import AddedJoint, naming
 from models.causes.joints import JOINT_CAUSES
-from models.jointed import ROTATION, AnyRig, JointedRig
-
-NEARLY = 0.99
-"""Share of what exceeds noise that a force at a place must explain."""
+from models.jointed import ROTATION, AnyRig, JointedRig, place_of
 
 
 @dataclass(frozen=True)
@@ -69,55 +61,15 @@ def unnamed_place(rig: AnyRig, spectra: MeasuredSpectra) -> UnnamedPlace | None:
     body = rig.body
     if body.reduction != "modes" or rig.masses or spectra.H > MANY:
         return None
-    fixed = set(body.fixed)
+    data, fixed = measured(rig, spectra)[1], set(body.fixed)
     names = [name for name in body.dofs if name not in fixed and not ROTATION.search(name)]
-    seen = readings(rig, spectra)
-    before, left, points = _left(rig, body, seen, names)
+    sensors = [place_of(c) for name in data.channels for c in rig.response_channels if c.name == name]
+    found = free_forces(rig, data, *body.everywhere(names, sensors))
     known = [i for i, name in enumerate(names) if name in rig.places]
-    if not known or points - _unknowns(seen) <= LEFT_OVER * points:
+    if found is None or not known:
         return None
-    best, named = int(np.argmin(left)), min(known, key=lambda i: float(left[i]))
-    share = 1.0 - (left[best] - 1.0) / max(before - 1.0, 1e-300)
-    if share < NEARLY or ALIKE * left[best] >= left[named]:
+    best, named = int(np.argmin(found.left)), min(known, key=lambda i: float(found.left[i]))
+    if found.shares[best] < NEARLY or ALIKE * found.left[best] >= found.left[named]:
         return None
     at = names[best]
-    return UnnamedPlace(at, float(left[best]), names[named], float(left[named]), naming(rig, [at]))
-
-
-def _unknowns(seen: Readings) -> int:
-    """Real amplitudes of a free force."""
-    return 2 * int((seen.weight > 0.0).any(axis=2).sum())
-
-
-def _left(rig: JointedRig, body: MatrixBody, seen: Readings, names: list[str]) -> tuple[float, Array, int]:
-    """Noise variances left with free forces at the joints, and with one more at each place; coefficients beyond those.
-
-    The rig as it is in each record; forces as they were measured.
-    """
-    to = [i for i, c in enumerate(rig.response_channels) if c.name in seen.channels]
-    sensors = [rig.response_channels[i] for i in to]
-    rows, flexibility = body.everywhere(names, [c.at for c in sensors])
-    chi2, gain, points = 0.0, np.zeros(len(names)), 0
-    for i, k in np.argwhere((seen.weight > 0.0).any(axis=2)):
-        s, rate = rig.at_record(int(seen.spectra.records[i])).structure, seen.i_omega[i, k]
-        through = np.linalg.inv(np.diag(s.omega_n**2 + rate**2) + rate * s.damping)
-        weight = seen.weight[i, k] * np.array([factor(c, rate) for c in sensors])
-        by = s.channels[to] @ through
-        missed = seen.weight[i, k] * seen.measured[i, k]
-        missed = missed - weight * (by @ s.excitation + s.channels_by_force[to]) * _force(rig, seen, i, k)
-        Q = np.linalg.qr(weight[:, None] * (by @ s.joints.T + s.channels_by_joints[to]))[0]
-        of_places = weight[:, None] * (by @ rows.T + flexibility.T)
-        missed, of_places = (part - Q @ (Q.conj().T @ part) for part in (missed, of_places))
-        size = np.sum(np.abs(of_places) ** 2, axis=0)
-        chi2 += float(np.vdot(missed, missed).real)
-        gain += np.abs(of_places.conj().T @ missed) ** 2 / np.where(size > 0.0, size, np.inf)
-        points += 2 * max(int(np.sum(weight != 0.0)) - Q.shape[1], 0)
-    own = max(points - _unknowns(seen), 1)
-    return chi2 / max(points, 1), (chi2 - gain) / own, points
-
-
-def _force(rig: JointedRig, seen: Readings, i: int, k: int) -> complex:
-    """Amplitude of the force of a record [N]; without a force channel the level stands for it."""
-    level = float(seen.spectra.level[i])
-    measured = complex(seen.force[i, k]) if seen.force[i].any() else level * float(k == 1)
-    return measured * rig.excitation.gain(level)
+    return UnnamedPlace(at, float(found.left[best]), names[named], float(found.left[named]), naming(rig, [at]))

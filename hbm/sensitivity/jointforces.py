@@ -52,7 +52,7 @@ def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H:
     ArithmeticError
         At a fold.
     """
-    places, probed = _probed(rig, ends)
+    places, probed = probed_at(rig, ends)
     here, s, basis = linearized(probed, solution), probed.structure, solution.basis
     unit = np.zeros((basis.size, 2 * H))
     unit[1 : H + 1, :H] = unit[basis.H + 1 : basis.H + H + 1, H:] = np.eye(H)
@@ -61,31 +61,31 @@ def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H:
     moved = np.einsum("cn,knp->ckp", s.channels, Q) + np.einsum("cm,kmp->ckp", s.channels_by_joints, f)
     by_place = moved.reshape(*moved.shape[:2], len(places), 2 * H)
     by_place += np.einsum("ec,kh->ckeh", np.array([at.channels_by_force for at in acting]), unit)
-    between = _between(places, ends)
-    pairs = np.einsum("pe,ckeh->ckph", between, by_place)
+    signs = between(places, ends)
+    pairs = np.einsum("pe,ckeh->ckph", signs, by_place)
     channels = {
         c.name: read(c, basis, pairs[i].reshape(basis.size, -1), here.state.Omega)
         for i, c in enumerate(rig.response_channels)
     }
-    return Pushed(channels, np.einsum("qe,ekph->qkph", between, pairs[len(rig.response_channels) :]))
+    return Pushed(channels, np.einsum("qe,ekph->qkph", signs, pairs[len(rig.response_channels) :]))
 
 
 def motion_between(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends]) -> Array:
     """Coefficients (p, 2H+1) of the relative displacements of pairs of places in a steady state [m]."""
-    places, probed = _probed(rig, ends)
+    places, probed = probed_at(rig, ends)
     s, state, own = probed.structure, solution.state, len(rig.response_channels)
     force = state.F * force_shape(rig.excitation, solution.basis, 1)
     there = s.channels @ state.Q.T + s.channels_by_joints @ state.T.T + np.outer(s.channels_by_force, force)
-    return np.asarray(_between(places, ends) @ there[own:])
+    return np.asarray(between(places, ends) @ there[own:])
 
 
-def _probed(rig: JointedRig, ends: Sequence[Ends]) -> tuple[list[str], JointedRig]:
+def probed_at(rig: JointedRig, ends: Sequence[Ends]) -> tuple[list[str], JointedRig]:
     """Places of pairs, each once, and the rig with a probe of the displacement at each, which come last."""
     places = list(dict.fromkeys(place for pair in ends for place in pair if place != GROUND))
     probes = tuple(Channel(f"probe of {place}", "displacement", at=place) for place in places)
     return places, replace(rig, channels=(*rig.channels, *probes))
 
 
-def _between(places: Sequence[str], ends: Sequence[Ends]) -> Array:
+def between(places: Sequence[str], ends: Sequence[Ends]) -> Array:
     """Signs with which places make relative displacements of pairs, (p, e)."""
     return np.array([[float(place == one) - float(place == other) for place in places] for one, other in ends])

@@ -13,14 +13,21 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array, save_npz
 
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.unnamed import unnamed_place
 from hbm.files.extendedrig import write_extended
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.evaluation import evaluate
+from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.model import Model
 from hbm.rigfiles.load import load_rig
 from models.bodies import LumpedMass, MatrixBody
+from models.causes import all_candidates
+from models.causes.addedjoint import AddedJoint
 from models.causes.joints import LocalSpring
+from models.friction import Jenkins
 from models.jointed import JointedRig
-from models.joints import Joint, Stop
+from models.joints import CubicSpring, Friction, Joint, JointLaw, Stop
 from models.parts import Channel, Damping, Excitation
 from tests.three_modes import spectra_with_noise
 from tests.truth.modal import Modes, accelerations, gap, nothing, steady
@@ -95,6 +102,24 @@ def test_bodies_whose_other_places_are_not_known_are_left_alone():
     assert unnamed_place(replace(rig, masses=(LumpedMass("5.x", 0.1),)), measured("4.x")) is None
     held = replace(rig, body=replace(rig.body, modes=4, reduction="craig-bampton"), damping=Damping())
     assert unnamed_place(held, measured("4.x")) is None
+
+
+@pytest.mark.parametrize(
+    "known", [CubicSpring(1e10), Friction(Jenkins(0.4, 1e-5), 5.0)], ids=lambda law: type(law).__name__
+)
+def test_a_law_is_told_by_the_linear_structure_whatever_the_known_joints_do(known: JointLaw):
+    """The rig file has a joint at 9.x that is not there: its own motion tells of no law, that with free forces does."""
+    spectra = measured("4.x")
+    place = unnamed_place(rig_of(Joint("known", known, ("9.x",))), spectra)
+    assert place is not None and place.at == "4.x"
+    campaign, _ = campaign_of(place.probed, spectra)
+    model = Model(place.probed, {})
+    base = evaluate(model, campaign, model.start, {})
+    causes = [c for c in all_candidates(place.probed) if isinstance(c, AddedJoint)]
+    by_model, by_structure = (max(scan(base, campaign, causes, large=x), key=lambda s: s.drop) for x in (False, True))
+    assert by_model.cause.label != "one-sided-stop 4.x"
+    assert by_structure.cause.label == "one-sided-stop 4.x"
+    assert by_structure.starts[0] == pytest.approx({"stiffness": STOP, "gap": CLEARANCE}, rel=0.3)
 
 
 def test_a_stop_at_such_a_place_is_named_with_its_numbers(tmp_path: Path):
