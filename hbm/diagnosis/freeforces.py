@@ -49,8 +49,7 @@ class Line(NamedTuple):
 
 def lines(rig: JointedRig, data: Measurement, record: Record) -> Iterator[Line]:
     """Harmonics 1..H of a record beside a rig as it is in it."""
-    named = {c.name: i for i, c in enumerate(rig.response_channels)}
-    to, s = [named[name] for name in data.channels], rig.at_record(record.number).structure
+    to, s = _to(rig, data), rig.at_record(record.number).structure
     listed = record.listed.all(axis=0)
     std = record.std if record.std.ndim == 2 else record.std[0]
     weight = np.where(listed, 1.0 / np.where(listed, std, 1.0), 0.0)
