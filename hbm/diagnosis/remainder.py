@@ -223,11 +223,11 @@ def _channels(white: Whitened, campaign: Campaign) -> Iterator[str]:
 
 
 def _shares(white: Whitened, labels: npt.NDArray[Any]) -> dict[Any, float]:
-    """Share of chi2 beyond noise by label."""
-    whole = excess(white)
+    """Share of chi2 beyond noise by label, of those that have any."""
     found, inverse = np.unique(labels, return_inverse=True)
-    beyond = np.bincount(inverse.ravel(), white.residual**2 - 1.0)
-    return {label.item(): float(part / whole) for label, part in zip(found, beyond, strict=True)} if whole else {}
+    beyond = np.maximum(np.bincount(inverse.ravel(), white.residual**2 - 1.0), 0.0)
+    whole = float(beyond.sum())
+    return {label.item(): float(part) / whole for label, part in zip(found, beyond, strict=True)} if whole else {}
 
 
 def within_noise(white: Whitened) -> bool:

@@ -55,6 +55,14 @@ def test_noise_alone_has_no_size_and_says_so(noise, campaign):
     assert explained(noise, noise) == 0.0
 
 
+def test_shares_of_what_is_hardly_more_than_noise_are_of_the_whole_at_most(noise, campaign):
+    """One channel has a little more than noise, the others so much less that hardly anything is left in all."""
+    quiet = replace(noise, residual=noise.residual * np.where(noise.channel == 0, 1.1, 0.951))
+    left = remainder(quiet, campaign, True, {"train": 1.0, "held_out": 1.0})
+    assert "in channel a1 (100%)" in left.sentence
+    assert 0.0 < sum(left.harmonics.values()) <= 1.0
+
+
 def test_size_is_the_share_of_the_response_that_is_missing(noise):
     """In every fundamental: noise is not counted, whatever it is."""
     for size in (0.02, 0.1):
