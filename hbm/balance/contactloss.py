@@ -3,17 +3,15 @@
 from collections.abc import Mapping, Sequence
 
 from hbm.fourier import Array
-from models.jointed import JointedRig
+from models.joints import Joint
 
 
-def joints_open(rig: JointedRig, forces: Array) -> dict[str, float]:
+def joints_open(joints: Sequence[Joint], ports: Sequence[slice], forces: Array) -> dict[str, float]:
     """Share of the period for which each joint is open, by "joint NAME"; of forces at the samples (N_t, m) [N]."""
-    shares, port = {}, 0
-    for joint in rig.joints:
-        own = forces[:, port : port + joint.law.ports]
-        port += joint.law.ports
+    shares = {}
+    for joint, at in zip(joints, ports, strict=True):
         if hasattr(joint.law, "separated"):  # an own law need not
-            shares[f"joint {joint.name}"] = float(joint.law.separated(own).mean())
+            shares[f"joint {joint.name}"] = float(joint.law.separated(forces[:, at]).mean())
     return shares
 
 

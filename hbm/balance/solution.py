@@ -378,7 +378,7 @@ def describe_joints(problem: JointEquations, state: State, hz: float) -> Periodi
     energy = _joint_energy_error(problem, state, channels)
     unheld = float(np.abs(problem.held_adrift(state)).max(initial=0.0)) / problem.modal_force_ref
     conservative = tuple(j.name for j, law in zip(rig.joints, problem.joints, strict=True) if law.conservative)
-    off = joints_open(rig, found)
+    off = joints_open(rig.joints, problem.slices, found)
     return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld, conservative, off)
 
 

@@ -127,6 +127,11 @@ def _to(rig: JointedRig, data: Measurement) -> list[int]:
     return [named[name] for name in data.channels]
 
 
+def sensors_of(rig: JointedRig, data: Measurement) -> list[str]:
+    """Places of the channels that were measured, in turn."""
+    return [place_of(rig.response_channels[i]) for i in _to(rig, data)]
+
+
 def _across(line: Line, *parts: Complex) -> Iterator[Complex]:
     """Parts (c, ...) of readings that free forces at the joints do not make."""
     Q = np.linalg.qr(line.by_joints)[0]
@@ -146,8 +151,7 @@ class EndsOfRig:
     def __init__(self, rig: JointedRig, data: Measurement, ends: Sequence[Ends]) -> None:
         self.rig, self.data = rig, data
         places, self.probed = probed_at(rig, ends)
-        sensors = [place_of(rig.response_channels[i]) for i in _to(rig, data)]
-        first, p = len(places), rig.laden_at([*places, *sensors]).modes
+        first, p = len(places), rig.laden_at([*places, *sensors_of(rig, data)]).modes
         self.signs = between(places, ends)
         self.rows = self.signs @ p.rows[:first]
         self.to_sensors = self.signs @ p.flexibility[:first, first:]

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.diagnosis.discrepancy import ALIKE
-from hbm.diagnosis.freeforces import NEARLY, free_forces
+from hbm.diagnosis.freeforces import NEARLY, free_forces, sensors_of
 from hbm.fourier import MANY
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.measured import measured
 from models.bodies import MatrixBody
 from models.causes.addedjoint import AddedJoint, naming
 from models.causes.joints import JOINT_CAUSES
-from models.jointed import ROTATION, AnyRig, JointedRig, place_of
+from models.jointed import ROTATION, AnyRig, JointedRig
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ def unnamed_place(rig: AnyRig, spectra: MeasuredSpectra) -> UnnamedPlace | None:
         return None
     data, fixed = measured(rig, spectra)[1], set(body.fixed)
     names = [name for name in body.dofs if name not in fixed and not ROTATION.search(name)]
-    sensors = [place_of(c) for name in data.channels for c in rig.response_channels if c.name == name]
-    found = free_forces(rig, data, *body.everywhere(names, sensors))
+    found = free_forces(rig, data, *body.everywhere(names, sensors_of(rig, data)))
     known = [i for i, name in enumerate(names) if name in rig.places]
     if found is None or not known:
         return None
