@@ -1,7 +1,7 @@
 """A body in modes as the joints, the excitation and the channels of a rig see it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,17 @@ class JointedStructure:
         if changes:
             found = {name: np.stack([getattr(c, name) for c in changes], axis=-1) for name in found}
         return JointedStructure(**found)
+
+    def acted_on(self, port: int) -> "JointedStructure":
+        """The same with its excitation at a port of its joints, where it acts beside the force of the law."""
+        return replace(
+            self,
+            excitation=self.joints[port],
+            flexibility_to_force=self.flexibility[port],
+            drive_by_force=float(self.flexibility[port, port]),
+            channels_by_force=self.channels_by_joints[:, port],
+            loads_by_force=self.loads_by_joints[:, port],
+        )
 
     def damps(self, shape: Array) -> float:
         """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""

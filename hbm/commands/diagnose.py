@@ -233,14 +233,14 @@ def _failing(source: str) -> Iterator[None]:
 
 
 def _missing_force(found: "Diagnosis", executor: "Executor | None") -> tuple["Discrepancy | None", str]:
-    """What the calibrated model lacks, or why that could not be worked out."""
-    from hbm.diagnosis.discrepancy import discrepancy
+    """What the model lacks, or why that could not be worked out."""
+    from hbm.diagnosis.discrepancy import best_placed
     from hbm.outputerror.simulated import FAILURES
 
     if found.calibrated is None or found.campaign is None or found.floored or found.verdict == "consistent":
         return None, ""
     try:
-        return discrepancy(found.calibrated, found.campaign, executor), ""
+        return best_placed(found.calibrated, found.nominal, found.campaign, executor), ""
     except FAILURES as failed:
         return None, f"{COMMAND}: the missing force could not be worked out, the rest is written: {failed}"
 

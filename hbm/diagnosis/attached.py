@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.diagnosis.discrepancy import LEFT_OVER, WhiteRecord, read_by
+from hbm.diagnosis.discrepancy import LEFT_OVER
+from hbm.diagnosis.forcedrecords import WhiteRecord, read_by
 from hbm.diagnosis.jointscan import SAMPLES
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
 from hbm.diagnosis.projection import Span

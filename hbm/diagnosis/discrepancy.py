@@ -5,7 +5,8 @@ each place in turn. No law is assumed: what is left of the misfit with such a fo
 calibrated numbers move along, within what is expected of them, so that no place is charged with what they hid.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -14,22 +15,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.solution import PeriodicSolution
-from hbm.diagnosis.jointplaces import joint_places_of
+from hbm.diagnosis.forcedrecords import Placed, record_places, response_of
 from hbm.diagnosis.missingforce import CLEAR, MissingForce, character, share_text
-from hbm.diagnosis.places import CONTACT, AnyPlace, Complex, all_at_once, places_of, sensor
+from hbm.diagnosis.places import CONTACT, AnyPlace, Complex
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import LEFT, NEARLY_ALL
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
-from hbm.outputerror.records import Measurement, Record, parts
-from hbm.outputerror.whitened import uncorrelated
 from hbm.parallel import each
-from hbm.sensitivity.derivatives import disturbed
-from hbm.sensitivity.jointforces import pushed
 from models.jointed import AnyRig, JointedRig
-from models.parts import UNITS
 
 LEFT_OVER = 0.1
 """Share of the coefficients that must be left beyond the unknowns, for a place to be told."""
@@ -43,8 +38,25 @@ MOST_LISTED = 3
 """Places that are named beside the best one."""
 
 
+SAME = 1e-6
+"""Relative difference of what two places leave, below which forces there can do the same."""
+
+
 ALIKE = 1.1
 """Places are not told apart that leave less than so many times what the best one leaves, where noise is less."""
+
+
+class Known(NamedTuple):
+    """What unknown forces at what rubs already explain alone, as :class:`MissingForce`: the contact, or all joints."""
+
+    at: str
+    several: bool
+    share: float
+    left: float
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{'unknown forces' if self.several else 'an unknown force'} at {self.at}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +73,10 @@ class Discrepancy:
     places : tuple of MissingForce
         Each alone; the one that explains most first.
     beside : tuple of MissingForce
-        Each beside a contact force that is free too: what is left then is the linear structure, so that these hold
-        however large the misfit. Empty where there are too few sensors for two forces.
+        Each beside free forces at the contact, or at all joints: what is left then is the linear structure, so that
+        these hold however large the misfit. Empty where there are too few sensors for so many forces.
+    known : Known, optional
+        What these free forces explain alone.
     """
 
     records: npt.NDArray[np.int64]
@@ -72,6 +86,7 @@ class Discrepancy:
     points: int
     places: tuple[MissingForce, ...]
     beside: tuple[MissingForce, ...] = ()
+    known: Known | None = None
 
     @property
     def explainable(self) -> bool:
@@ -96,23 +111,28 @@ class Discrepancy:
     @property
     def alike(self) -> tuple[MissingForce, ...]:
         """The best place, and those that these records cannot tell from it."""
-        if self._noise_alone(self.best):
+        if self.placed:
             return tuple(p for p in self.ranked if self._noise_alone(p))
         return tuple(p for p in self.ranked if p.left <= ALIKE * self.best.left)
 
     @property
     def two(self) -> bool:
-        """Whether it takes a force beside that of the contact: a place alone leaves more than noise, both far less.
+        """Whether it takes a force beside those of what rubs: a place alone leaves more than noise, both far less.
 
-        A force elsewhere changes that of the contact too, beyond what is linear: alone, it may seem to act there. Where
-        next to all is explained by a place alone, two must leave noise.
+        A force elsewhere changes those of the contact too, beyond what is linear: alone, it may seem to act there.
+        Where next to all is explained by a place alone, two must leave noise.
         """
         single = self.places[0]
-        if not self.beside or self._noise_alone(single):
+        if self.known is None or not self.beside or self._noise_alone(single):
             return False
         both = self.beside[0]
         worth = single.share <= NEARLY_ALL or self._noise_alone(both)
-        return worth and both.left - 1.0 < LEFT * (single.left - 1.0)
+        return worth and both.left - 1.0 < LEFT * (min(single.left, self.known.left) - 1.0)
+
+    @property
+    def own(self) -> bool:
+        """Whether forces at the joints that are known explain far more than one place does, and as much as with one."""
+        return self.known is not None and not self.two and self.known.left - 1.0 < LEFT * (self.places[0].left - 1.0)
 
     @property
     def contact(self) -> MissingForce | None:
@@ -121,14 +141,19 @@ class Discrepancy:
 
     @property
     def best(self) -> MissingForce:
-        """At the place that explains most, alone or, where that does not do, beside a free contact force."""
+        """At the place that explains most, alone or, where that does not do, beside free forces of what rubs."""
         return self.ranked[0]
 
+    @property
+    def placed(self) -> bool:
+        """Whether a force at the best place leaves noise alone."""
+        return self._noise_alone(self.best)
+
     def share(self, p: MissingForce) -> float:
-        """Part that a place explains of the misfit beyond noise; of two, of what the contact alone leaves of it."""
-        if not self.two or self.contact is None:
+        """Part that a place explains of the misfit beyond noise; of two, of what the known ones alone leave of it."""
+        if not self.two or self.known is None:
             return p.share
-        return float(np.clip(1.0 - (p.left - 1.0) / (self.contact.left - 1.0), 0.0, 1.0))
+        return float(np.clip(1.0 - (p.left - 1.0) / (self.known.left - 1.0), 0.0, 1.0))
 
     def _noise_alone(self, p: MissingForce) -> bool:
         dof = self.points - p.unknowns
@@ -146,7 +171,7 @@ class Discrepancy:
                 yield from character(self.contact)
             return
         if self.explainable:
-            doubted = named is not None and not self._noise_alone(self.best) and _left(named) < self.best.left
+            doubted = named is not None and not self.placed and _left(named) < self.best.left
             yield from self._place("To first order the" if doubted else "The")
             yield from character(self.best)
             if named is not None and doubted:
@@ -159,9 +184,9 @@ class Discrepancy:
         best, others = self.best, [p.place.name for p in self.alike if p is not self.best]
         acts = {"force": "force acts at", "motion": "motion is that of", "reading": "part is read by"}[best.place.kind]
         beside, whole = "", "the misfit beyond noise"
-        if self.two and self.contact is not None:
-            beside = " beside one at the contact"
-            whole = f"what that alone leaves, {self.contact.left:.3g} noise variances,"
+        if self.two and self.known is not None:
+            beside = f" beside {self.known}"
+            whole = f"what that alone leaves, {self.known.left:.3g} noise variances,"
         told = ", ".join(f"{p.place.name} {share_text(self.share(p))}, {p.left:.3g}" for p in self.ranked[1:4])
         yield (
             f"{the} missing {acts} {best.place.name}{beside}: explains {share_text(self.share(best))} of {whole} "
@@ -170,7 +195,12 @@ class Discrepancy:
         if self.two:
             single = self.places[0]
             yield f"No place alone will do: {single.place.name}, the best, leaves {single.left:.3g} noise variances."
-        left = "noise alone" if self._noise_alone(best) else "hardly more"
+        if self.own and self.known is not None:
+            yield (
+                f"With {self.known}, all together, {self.known.left:.3g} noise variances are left: "
+                "what is wrong may be there."
+            )
+        left = "noise alone" if self.placed else "hardly more"
         if len(others) > MOST_LISTED:
             yield f"These records place it poorly: {left} is left by {len(others)} other places as well."
         elif others:
@@ -180,6 +210,28 @@ class Discrepancy:
 def _left(e: Evaluation) -> float:
     """What a model leaves, in noise variances."""
     return e.white.charged / len(e.white)
+
+
+def best_placed(
+    calibrated: Evaluation, nominal: Evaluation | None, campaign: Campaign, executor: Executor | None = None
+) -> Discrepancy:
+    """The force that a calibrated model lacks, or that the rig file lacks as it is, where that places it better.
+
+    Numbers of the rig file that make up for a force that is missing may go far: then the structure is wrong as well.
+
+    Parameters
+    ----------
+    calibrated : Evaluation
+    nominal : Evaluation or None
+    campaign : Campaign
+    executor : concurrent.futures.Executor, optional
+        Does the records side by side.
+    """
+    found = discrepancy(calibrated, campaign, executor)
+    if nominal is None or not found.explainable or found.placed:
+        return found
+    before = discrepancy(nominal, campaign, executor)
+    return before if ALIKE * before.best.left < found.best.left else found
 
 
 def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = None) -> Discrepancy:
@@ -196,19 +248,22 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     found = [r for r in campaign.data.records if r.number in e.found]
     rigs = [r.rig(rig) for r in found]
-    responses = each(executor, partial(_response, campaign.data), rigs, [e.found[r.number].solution for r in found])
+    responses = each(executor, partial(response_of, campaign.data), rigs, [e.found[r.number].solution for r in found])
     white = [
-        _Placed(r, e, campaign, _places(here, campaign.data), c)
+        Placed(r, e, campaign, record_places(here, campaign.data), c)
         for r, here, c in zip(found, rigs, responses, strict=True)
     ]
-    places = _places(rig, campaign.data)
-    points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
+    places = record_places(rig, campaign.data)
+    points, numbers = sum(len(w.residual) for w in white), sum(w.beside.shape[1] + 2 * campaign.data.H for w in white)
     alone = [_at(place, [Span(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
-    beside = [
-        _at(place, [Span(np.hstack([w.columns[i], w.columns[0]])) for w in white], white, e, i)
-        for i, place in enumerate(places)
-        if i and places[0].name == CONTACT and points - 2 * numbers > LEFT_OVER * points
-    ]
+    beside, known = [], None
+    if white[0].beside.size and points - numbers > LEFT_OVER * points:
+        known = _known(rig, white, e)
+        beside = [
+            _at(place, [Span(np.hstack([w.columns[i], w.beside])) for w in white], white, e, i)
+            for i, place in enumerate(places)
+            if place.name != CONTACT
+        ]
     records, level, hz = ([getattr(w.record, name) for w in white] for name in ("number", "level", "hz"))
     return Discrepancy(
         np.array(records),
@@ -216,135 +271,71 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
         np.array(hz),
         e.chi2,
         points,
-        *(tuple(sorted(found, key=lambda m: m.chi2)) for found in (alone, beside)),
+        places=_by_misfit(alone),
+        beside=_by_misfit(_apart(beside)),
+        known=known,
     )
 
 
-def _places(rig: AnyRig, data: Measurement) -> list[AnyPlace]:
-    """Where a force may be missing, and the sensors."""
-    unit = {c.name: UNITS[c.quantity] for c in rig.channels}
-    forces = joint_places_of(rig) if isinstance(rig, JointedRig) else places_of(rig)
-    return [*forces, *(sensor(name, unit[name]) for name in data.channels)]
+def _by_misfit(found: Iterable[MissingForce]) -> tuple[MissingForce, ...]:
+    """The one that leaves least first."""
+    return tuple(sorted(found, key=lambda m: m.chi2))
 
 
-class WhiteRecord:
-    """A record in standard deviations: its misfit, what calibrated numbers and forces at each place do to it.
-
-    Parameters
-    ----------
-    record : Record
-    e : Evaluation
-    campaign : Campaign
-    places : sequence of Place
-        Of the rig as it is in the record.
-    columns : (2, c, H, p 2 H) array
-        Change of the amplitudes with cosines, then sines of harmonics 1..H at each of p places.
-    """
-
-    def __init__(
-        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[AnyPlace], columns: Array
-    ) -> None:
-        self.record, simulated = record, e.found[record.number]
-        own = e.white.record == record.number
-        self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
-        noise, std = campaign.correlated(record, simulated), campaign.listed_std(record)
-        white = uncorrelated(noise, columns[record.listed] / std[:, None])
-        self.columns = np.split(white, len(places), axis=1)
-        self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
+def _apart(found: Iterable[MissingForce]) -> Iterator[MissingForce]:
+    """Without those that can do what one before them can: from a place to a joint whose force is free, say."""
+    kept = list[float]()
+    for m in found:
+        if not any(math.isclose(m.chi2, other, rel_tol=SAME) for other in kept):
+            kept.append(m.chi2)
+            yield m
 
 
-class _Response(NamedTuple):
-    """What cosines, then sines of harmonics 1..H at each of p places do.
+class _Explained(NamedTuple):
+    """What forces explain with calibrated numbers that move along by `step`, as :class:`MissingForce`."""
 
-    Attributes
-    ----------
-    channels : (2, c, H, p 2 H) array
-        Change of the amplitudes of the channels.
-    seen : tuple of (H, 2 H) complex array or None
-        Change of what each place's own is held against; None where that is not known.
-    """
-
-    channels: Array
-    seen: tuple[Complex | None, ...]
+    step: Array
+    share: float
+    chi2: float
+    left: float
+    unknowns: int
 
 
-class _Placed(WhiteRecord):
-    """A record in standard deviations, and how what is held against a force at each place changes with it."""
-
-    def __init__(
-        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[AnyPlace], response: _Response
-    ) -> None:
-        super().__init__(record, e, campaign, places, response.channels)
-        self.changes = response.seen
-        own = e.white.record == record.number
-        self.size = float(np.linalg.norm(e.white.measured[own] / campaign.listed_std(record)))
-
-    def held_against(self, i: int, force: Complex, left: Array) -> tuple[Complex, float]:
-        """Amplitudes (H,) of what the force (H,) found at the i-th place is held against, and how uncertain they are.
-
-        The model moves as the records do only with the force; `left` is what they miss then, in standard deviations.
-        """
-        change = self.changes[i]
-        if change is None:
-            return self.seen[i], float(np.linalg.norm(self.residual)) / self.size
-        moved = change @ np.nan_to_num(np.concatenate([force.real, -force.imag]))
-        return self.seen[i] + moved, float(np.linalg.norm(left)) / self.size
-
-
-def _response(data: Measurement, rig: AnyRig, solution: PeriodicSolution) -> _Response:
-    """What forces at the places of the rig of a record do, and what is added to the readings of the sensors."""
-    change, seen = _pushed(rig, data, solution)
-    readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
-    unit = np.eye(data.H)
-    read = [np.hstack([unit, -1j * unit])] * len(readings)
-    return _Response(np.concatenate([read_by(data, solution, change), *readings], axis=3), (*seen, *read))
-
-
-def _pushed(
-    rig: AnyRig, data: Measurement, solution: PeriodicSolution
-) -> tuple[Mapping[str, Array], Sequence[Complex | None]]:
-    """Change of the channels by forces at each place, and of the motion there by its own force where it is known."""
-    if not isinstance(rig, JointedRig):
-        places = places_of(rig)
-        return disturbed(rig, solution, all_at_once(places, solution, data.H)), [None] * len(places)
-    ends = [place.ends for place in joint_places_of(rig)]
-    found, basis = pushed(rig, solution, ends, data.H), solution.basis
-    return found.channels, [basis.complex(found.moved[i, :, i])[1 : data.H + 1] for i in range(len(ends))]
-
-
-def read_by(data: Measurement, solution: PeriodicSolution, change: Mapping[str, Array]) -> Array:
-    """Change of the amplitudes (2, c, H, p) of the channels, from that of the coefficients."""
-    return np.stack([parts(solution.basis, change[name], data.H) for name in data.channels], axis=1)
-
-
-def _of_reading(channel: int, channels: int, H: int) -> Array:
-    """Amplitudes (2, c, H) of one channel with its own cosines and sines (2 H)."""
-    out = np.zeros((2, channels, H, 2 * H))
-    out[0, channel, :, :H] = np.eye(H)
-    out[1, channel, :, H:] = -np.eye(H)
-    return out
-
-
-def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[_Placed], e: Evaluation, i: int) -> MissingForce:
-    """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
+def _explained(spans: Sequence[Span], white: Sequence[Placed], e: Evaluation) -> _Explained:
+    """What forces explain that span so much of each record."""
     left = np.concatenate([s.across(w.residual) for s, w in zip(spans, white, strict=True)])
     slopes = np.concatenate([s.across(w.jacobian) for s, w in zip(spans, white, strict=True)])
     calibration, rows = Span(np.vstack([slopes, e.expected])), np.concatenate([left, -e.pulls])
     step, chi2 = calibration.amplitudes(rows), float(np.sum(calibration.across(rows) ** 2))
     points, unknowns = len(left), sum(s.rank for s in spans)
     excess, remains = e.chi2 - points, max(chi2 - (points - unknowns), 0.0)
+    share = float(np.clip(1.0 - remains / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+    return _Explained(step, share, chi2, chi2 / max(points - unknowns, 1), unknowns)
+
+
+def _known(rig: AnyRig, white: Sequence[Placed], e: Evaluation) -> Known:
+    """What free forces at the contact explain, or at all joints of a rig."""
+    found = _explained([Span(w.beside) for w in white], white, e)
+    if not isinstance(rig, JointedRig):
+        return Known("the contact", False, found.share, found.left)
+    joints = f"the joint{'s' * (len(rig.joints) > 1)} {' and '.join(j.name for j in rig.joints)}"
+    return Known(joints, len(rig.structure.joints) > 1, found.share, found.left)
+
+
+def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[Placed], e: Evaluation, i: int) -> MissingForce:
+    """The missing force at the i-th place."""
+    step, share, chi2, left, unknowns = _explained(spans, white, e)
     H = len(white[0].seen[i])
     missed = [w.residual - w.jacobian @ step for w in white]
     found = [_harmonics(s, rows, H) for s, rows in zip(spans, missed, strict=True)]
     against = [
-        w.held_against(i, force, s.across(rows))
-        for w, (force, _), s, rows in zip(white, found, spans, missed, strict=True)
+        w.held_against(i, s.amplitudes(rows), s.across(rows)) for w, s, rows in zip(white, spans, missed, strict=True)
     ]
     return MissingForce(
         place=place,
-        share=float(np.clip(1.0 - remains / excess, 0.0, 1.0)) if excess > 0.0 else 0.0,
+        share=share,
         chi2=chi2,
-        left=chi2 / max(points - unknowns, 1),
+        left=left,
         unknowns=unknowns,
         force=np.array([force for force, _ in found]),
         std=np.array([std for _, std in found]),

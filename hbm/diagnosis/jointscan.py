@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from hbm.aft.joint import JointOverPeriod
-from hbm.diagnosis.discrepancy import WhiteRecord, read_by
+from hbm.diagnosis.forcedrecords import WhiteRecord, read_by
 from hbm.diagnosis.freeforces import EndsOfRig
 from hbm.diagnosis.jointplaces import JointPlace
 from hbm.diagnosis.places import Complex

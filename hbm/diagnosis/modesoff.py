@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hbm.balance.solution import PeriodicSolution
-from hbm.diagnosis.discrepancy import read_by
+from hbm.diagnosis.forcedrecords import read_by
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation

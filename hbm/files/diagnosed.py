@@ -30,7 +30,7 @@ class Diagnosed:
     spectra : MeasuredSpectra or Decay
         What was measured.
     force : Discrepancy or None
-        Force that the calibrated model lacks; None where it was not worked out.
+        Force that the model lacks; None where it was not worked out.
     traced : tuple of TracedResponse
         Response curves of the models, where they were traced.
     warnings : tuple of str

@@ -181,11 +181,12 @@ def _force_plates(found: Diagnosed) -> Iterator[Plate]:
     d = found.force
     if d is None or not d.explainable:
         return
-    beside = " Each place acts beside a free contact force: no place alone will do." if d.two else ""
+    two = f" Each place acts beside {d.known}: no place alone will do." if d.known else ""
+    beside = two if d.two else ""
     yield Plate(
         "missing_force",
         "What is missing, and where",
-        "What the calibrated model leaves when an unknown force acts at one place, two numbers per record and harmonic "
+        "What is left when an unknown force acts at one place, two numbers per record and harmonic "
         f"(in brackets, where places differ in it: share of the misfit beyond noise that it explains).{beside} Below, "
         "of the best place: the force by harmonics, in phase and in quadrature to the fundamental of the motion, and "
         "its growth, with 95 % bars, a colour for each level; hollow: lost in noise.",

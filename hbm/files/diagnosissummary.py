@@ -58,7 +58,7 @@ def first_screen(
     ----------
     d : Diagnosis
     force : Discrepancy or None
-        Force that the calibrated model lacks.
+        Force that the model lacks.
     where : str
         Name of the signal that shows the misfit best, in words.
     noise : float
@@ -131,10 +131,15 @@ def _missing(force: Discrepancy | None) -> Iterator[str]:
     """The place of the force that is missing, or the places, if they can be told."""
     if force is None or not force.explainable:
         return
-    share = nearly_all(force.share(force.best))
-    if force.two and force.contact is not None:
-        yield f"An unknown force at the contact would explain {nearly_all(force.contact.share)} of it."
-        yield f"Beside it an unknown {_unknown(force)} would explain {share} of the rest."
+    share, known = nearly_all(force.share(force.best)), force.known
+    if known is not None and (force.two or force.own):
+        said, most = str(known), ", more than one at any other place" if force.own else ""
+        yield f"{said[0].upper()}{said[1:]} would explain {nearly_all(known.share)} of it{most}."
+    if force.own:
+        return
+    if known is not None and force.two:
+        beside = "them" if known.several else "it"
+        yield f"Beside {beside} an unknown {_unknown(force)} would explain {share} of the rest."
     else:
         yield f"An unknown {_unknown(force)} would explain {share} of it."
     if len(force.alike) > 1:
@@ -289,9 +294,14 @@ def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
 def _places(force: Discrepancy) -> str:
     """Where to look for what is missing."""
     place, names = force.best.place, " or ".join(p.place.name for p in force.alike[: 1 + MOST_LISTED]) + _others(force)
-    first = "Look at the contact and at" if force.two else "Look at"
+    if force.known is not None and force.own:
+        return f"Look at {force.known.at}: the missing {'forces are' if force.known.several else 'force is'} there."
+    known = force.known if force.two else None
+    most = known is not None and known.share < force.best.share - known.share  # beside it, the place explains more
+    first = "Look at" if known is None or most else f"Look at {known.at} and at"
+    then = f", then at {known.at}" if known is not None and most else ""
     if len(force.alike) > 1:
-        return f"{first} {names}, which these records do not tell apart."
-    if force.two:
-        return f"{first} {names}: what is missing is there, if it is at two places."
+        return f"{first} {names}, which these records do not tell apart{then}."
+    if known is not None:
+        return f"{first} {names}{then}: what is missing is there, if it is at two places."
     return f"{first} {names}: the missing {place.kind} is there, if it is at one place."

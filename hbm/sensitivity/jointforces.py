@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hbm.balance.scaled import force_shape
 from hbm.balance.solution import PeriodicSolution
@@ -27,8 +28,8 @@ class Pushed(NamedTuple):
     ----------
     channels : dict of str to (2H'+1, p 2 H) array
         Coefficients of what each response channel reads.
-    moved : (p, 2H'+1, p, 2 H) array
-        Relative displacement of each pair.
+    moved : (q, 2H'+1, p, 2 H) array
+        Relative displacement of each pair of places; q is less than p where forces at joints come after them.
     """
 
     channels: dict[str, Array]
@@ -36,7 +37,9 @@ class Pushed(NamedTuple):
 
 
 @one_thread
-def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H: int) -> Pushed:
+def pushed(
+    rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H: int, *, at_joints: bool = False
+) -> Pushed:
     """What forces on the body between pairs of places do, on the first of each and back on the second.
 
     Parameters
@@ -44,8 +47,10 @@ def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H:
     rig : JointedRig
         The rig of the solution.
     solution : PeriodicSolution
-    ends : sequence of (str, str), (p,)
+    ends : sequence of (str, str), (q,)
     H : int
+    at_joints : bool
+        Whether forces at the ports of the joints, beside those of their laws, come after the pairs.
 
     Raises
     ------
@@ -57,12 +62,13 @@ def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H:
     unit = np.zeros((basis.size, 2 * H))
     unit[1 : H + 1, :H] = unit[basis.H + 1 : basis.H + H + 1, H:] = np.eye(H)
     acting = [replace(probed, excitation=replace(rig.excitation, at=place)).structure for place in places]
+    acting += [s.acted_on(port) for port in range(len(s.joints))] if at_joints else []
     Q, f = followed(here, np.hstack([forces_change(here, unit, at) for at in acting]))
     moved = np.einsum("cn,knp->ckp", s.channels, Q) + np.einsum("cm,kmp->ckp", s.channels_by_joints, f)
-    by_place = moved.reshape(*moved.shape[:2], len(places), 2 * H)
+    by_place = moved.reshape(*moved.shape[:2], len(acting), 2 * H)
     by_place += np.einsum("ec,kh->ckeh", np.array([at.channels_by_force for at in acting]), unit)
     signs = between(places, ends)
-    pairs = np.einsum("pe,ckeh->ckph", signs, by_place)
+    pairs = np.einsum("pe,ckeh->ckph", block_diag(signs, np.eye(len(acting) - len(places))), by_place)
     channels = {
         c.name: read(c, basis, pairs[i].reshape(basis.size, -1), here.state.Omega)
         for i, c in enumerate(rig.response_channels)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.discrepancy import Discrepancy, Known
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.remainder import Remainder
 from hbm.diagnosis.verdict import Diagnosis, Errors
@@ -16,8 +16,10 @@ POINTS, UNKNOWNS = 500, 100
 KINDS = {"the clamp": "motion", "sensor a1": "reading", "sensor a2": "reading"}
 
 
-def found(misfit: float, alone: dict[str, float], beside: dict[str, float] | None = None) -> Discrepancy:
-    """Noise variances of a model, and those left by a force at places alone and beside one at the contact."""
+def found(
+    misfit: float, alone: dict[str, float], beside: dict[str, float] | None = None, joints: float | None = None
+) -> Discrepancy:
+    """Noise variances of a model, and those left by a force at places alone and beside those of what rubs."""
 
     def at(name: str, left: float, unknowns: int) -> MissingForce:
         place = SimpleNamespace(name=name, kind=KINDS.get(name, "force"), unit="N", against="m")
@@ -38,7 +40,13 @@ def found(misfit: float, alone: dict[str, float], beside: dict[str, float] | Non
     places = tuple(at(name, left, UNKNOWNS) for name, left in alone.items())
     both = tuple(at(name, left, 2 * UNKNOWNS) for name, left in (beside or {}).items())
     four = np.arange(4), np.full(4, 3.0), np.full(4, 50.0)
-    return Discrepancy(*four, misfit * POINTS, POINTS, places, both)
+    contact = next(
+        (Known("the contact", False, p.share, p.left) for p in places if p.place.name == "the contact"), None
+    )
+    of_joints = None
+    if joints is not None:
+        of_joints = Known("the joints pad and stop", True, 1.0 - (joints - 1.0) / (misfit - 1.0), joints)
+    return Discrepancy(*four, misfit * POINTS, POINTS, places, both, of_joints or contact)
 
 
 def told(force: Discrepancy) -> tuple[str, str]:
@@ -73,8 +81,8 @@ def test_second_places_that_leave_the_same_are_named_together_with_their_share_o
     )
     first, second, third, *_ = force.sentences()
     assert first == (
-        "The missing motion is that of the clamp beside one at the contact: explains 42 % of what that alone leaves, "
-        "120 noise variances, and leaves 70.3 noise variances; "
+        "The missing motion is that of the clamp beside an unknown force at the contact: explains 42 % of what that "
+        "alone leaves, 120 noise variances, and leaves 70.3 noise variances; "
         "next: the beam at 56 mm 42 %, 70.5, the beam at 111 mm 38 %, 75, the beam at 167 mm 28 %, 86.1."
     )
     assert second == "No place alone will do: the contact, the best, leaves 120 noise variances."
@@ -88,6 +96,30 @@ def test_a_second_place_that_is_told_apart_is_named() -> None:
     why, look = told(force)
     assert why.endswith(" of it. Beside it an unknown motion at the clamp would explain 95.2 % of the rest.")
     assert look == "Look at the contact and at the clamp: what is missing is there, if it is at two places."
+
+
+def test_of_a_rig_with_joints_a_place_is_told_beside_free_forces_at_these() -> None:
+    """The joints leave 801 of 1001 noise variances, 237.x beside them 1.2: next to all of it is there."""
+    alone = {"78.y": 300.0, "237.x": 500.0}
+    why, look = told(found(1001.0, alone, {"237.x": 1.2, "78.y": 290.0}, joints=801.0))
+    assert why == (
+        "Unknown forces at the joints pad and stop would explain 20 % of it. Beside them an unknown force at 237.x "
+        "would explain over 99.9 % of the rest."
+    )
+    assert look == ("Look at 237.x, then at the joints pad and stop: what is missing is there, if it is at two places.")
+
+
+def test_joints_whose_forces_explain_all_are_blamed_and_no_place_beside_them() -> None:
+    force = found(1001.0, {"78.y": 300.0, "237.x": 500.0}, {"237.x": 1.1, "78.y": 1.05}, joints=1.07)
+    assert not force.two and force.own
+    assert told(force) == (
+        "Unknown forces at the joints pad and stop would explain over 99.9 % of it, more than one at any other place.",
+        "Look at the joints pad and stop: the missing forces are there.",
+    )
+    assert force.sentences()[1] == (
+        "With unknown forces at the joints pad and stop, all together, 1.07 noise variances are left: "
+        "what is wrong may be there."
+    )
 
 
 def test_a_contact_that_leaves_a_little_more_than_noise_is_not_blamed_for_what_acts_beside_it() -> None:

@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array, save_npz
 
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.unnamed import unnamed_place
 from hbm.files.extendedrig import write_extended
@@ -23,12 +24,13 @@ from hbm.outputerror.model import Model
 from hbm.rigfiles.load import load_rig
 from models.bodies import LumpedMass, MatrixBody
 from models.causes import all_candidates
-from models.causes.addedjoint import AddedJoint
+from models.causes.addedjoint import AddedJoint, naming
 from models.causes.joints import LocalSpring
 from models.friction import Jenkins
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint, JointLaw, Stop
 from models.parts import Channel, Damping, Excitation
+from models.structure import Array
 from tests.three_modes import spectra_with_noise
 from tests.truth.modal import Modes, accelerations, gap, nothing, steady
 
@@ -41,7 +43,7 @@ STIFFNESS[-1, -1] = SPRING
 SQUARES, SHAPES = eigh(STIFFNESS, MASS)
 HZ = np.sqrt(SQUARES) / (2.0 * np.pi)
 STOP, CLEARANCE = 1.0e4, 1e-4
-H = 5
+H, ALL = 5, 60
 
 
 def rig_of(*joints: Joint, folder: Path | None = None) -> JointedRig:
@@ -62,16 +64,24 @@ def rig_of(*joints: Joint, folder: Path | None = None) -> JointedRig:
     return JointedRig("chain", body, damping, joints, Excitation(1.0, at="3.x"), channels)
 
 
+MODES = Modes(HZ, np.full(MASSES, RATIO), dict(zip(NAMES, SHAPES, strict=True)))
+
+
 @cache
-def measured(at: str, stiffness: float = STOP) -> MeasuredSpectra:
-    """Records about the first two modes at three levels, a stop at a place."""
-    modes = Modes(HZ, np.full(MASSES, RATIO), dict(zip(NAMES, SHAPES, strict=True)))
+def moving(at: str, stiffness: float = STOP) -> tuple[Array, Array, Array]:
+    """Modal harmonics about the first two modes at three levels, a stop at a place; frequencies and forces."""
     near = np.concatenate([HZ[0] * np.array([0.9, 0.97, 1.0, 1.03, 1.1]), HZ[1] * np.array([0.97, 1.0, 1.03])])
     hz, force = np.tile(near, 3), np.repeat([0.2, 0.5, 1.0], len(near))
-    q = steady(
-        modes, gap(stiffness, CLEARANCE) if stiffness else nothing, modes.rows[at], "3.x", hz, force, 200, 512, H
-    )
-    seen = {f"a{name}": accelerations(modes, q, name, hz) for name in SENSORS}
+    law = gap(stiffness, CLEARANCE) if stiffness else nothing
+    return steady(MODES, law, MODES.rows[at], "3.x", hz, force, 200, 512, ALL), hz, force
+
+
+@cache
+def measured(at: str, stiffness: float = STOP) -> MeasuredSpectra:
+    """Records of that motion."""
+    q, hz, force = moving(at, stiffness)
+    q = q[:, np.r_[: H + 1, ALL + 1 : ALL + H + 1]]
+    seen = {f"a{name}": accelerations(MODES, q, name, hz) for name in SENSORS}
     return spectra_with_noise(rig_of(), seen, hz, force, np.random.default_rng(3), 1e-3)
 
 
@@ -120,6 +130,33 @@ def test_a_law_is_told_by_the_linear_structure_whatever_the_known_joints_do(know
     assert by_model.cause.label != "one-sided-stop 4.x"
     assert by_structure.cause.label == "one-sided-stop 4.x"
     assert by_structure.starts[0] == pytest.approx({"stiffness": STOP, "gap": CLEARANCE}, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    "known", [CubicSpring(1e10), Friction(Jenkins(0.4, 1e-5), 5.0)], ids=lambda law: type(law).__name__
+)
+def test_the_missing_force_beside_free_ones_at_the_joints_is_that_of_the_stop(known: JointLaw):
+    """However large the misfit: its place, its harmonics and the motion there, beside those of the simulator."""
+    rig, spectra = naming(rig_of(Joint("known", known, ("9.x",))), ["4.x"]), measured("4.x")
+    campaign, _ = campaign_of(rig, spectra)
+    model = Model(rig, {})
+    base = evaluate(model, campaign, model.start, {})
+    assert base.chi2 > 1e3 * len(base.white)
+    found = discrepancy(base, campaign)
+    assert found.two and found.known is not None and found.known.at == "the joint known"
+    assert [p.place.name for p in found.alike] == ["4.x"]
+    q, hz, _ = moving("4.x")
+    assert np.array_equal(found.hz, hz)
+    k = np.arange(1, ALL + 1)
+    u = q @ MODES.rows["4.x"]
+    motion = u[:, 1 : ALL + 1] - 1j * u[:, ALL + 1 :]
+    phase = 2.0 * np.pi * np.arange(4096) / 4096
+    waves = u[:, :1] + np.real(motion @ np.exp(1j * np.outer(k, phase)))
+    force = 2.0 * np.fft.rfft(-STOP * np.maximum(waves - CLEARANCE, 0.0))[:, k] / len(phase)
+    pulls = np.abs(found.best.force - force[:, :H]) / found.best.std  # of two normal numbers each
+    assert 0.7 < np.sqrt(np.mean(pulls**2) / 2.0) < 1.4
+    assert np.abs(found.best.seen - motion[:, :H]).max() < 0.01 * np.abs(motion).max()
+    assert np.abs(force).max() > 100.0 * found.best.std.max()
 
 
 def test_a_stop_at_such_a_place_is_named_with_its_numbers(tmp_path: Path):
