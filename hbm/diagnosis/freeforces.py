@@ -80,10 +80,13 @@ class FreeForces:
     ----------
     before : float
     left : (p,) array
+    spare : int
+        Coefficients beyond the unknowns: of so many these are the mean.
     """
 
     before: float
     left: Array
+    spare: int
 
     @property
     def shares(self) -> Array:
@@ -118,7 +121,7 @@ def free_forces(rig: JointedRig, data: Measurement, rows: Array, flexibility: Ar
             unknowns += 2
     if points - unknowns <= LEFT_OVER * points:
         return None
-    return FreeForces(chi2 / points, (chi2 - gain) / (points - unknowns))
+    return FreeForces(chi2 / points, (chi2 - gain) / (points - unknowns), points - unknowns)
 
 
 def _to(rig: JointedRig, data: Measurement) -> list[int]:

@@ -4,6 +4,6 @@ from models.bodies.finite import FiniteBeam
 from models.bodies.laden import LumpedMass
 from models.bodies.matrix import MatrixBody
 from models.bodies.modal import ModalModel
-from models.bodies.ported import Body, PortedModes
+from models.bodies.ported import Body, Everywhere, PortedModes
 
-__all__ = ["Body", "FiniteBeam", "LumpedMass", "MatrixBody", "ModalModel", "PortedModes"]
+__all__ = ["Body", "Everywhere", "FiniteBeam", "LumpedMass", "MatrixBody", "ModalModel", "PortedModes"]

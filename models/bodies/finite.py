@@ -26,6 +26,9 @@ PER_MODE = 8
 SAME, NEAREST = 1e-9, 2e-4
 """Shares of the length: places nearer than the first are one, further apart than the second they are two."""
 
+ALONG, BESIDE = 48, 0.1
+"""Places along it where no one touches it, and shares of the way between two within which one is that of another."""
+
 REFERENCE = 1e11
 """Young's modulus with which matrices are made, whatever that of the beam [Pa]."""
 
@@ -114,6 +117,30 @@ class FiniteBeam(Elastic):
         held = {dof.split("@")[0] for dof in fixed}
         free = [motion for motion in TRANSLATIONS if motion not in held]
         return tuple(f"{motion}({match[2]})" for motion in free) or (place,)
+
+    def elsewhere(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Return deflections evenly along it, not beside places that are known."""
+        step, known = self.spacing, [self._place(place)[1] for place in places]
+        even = (step * i for i in range(1, ALONG + (self.tip == "free")))
+        return tuple(f"y({x:.6g})" for x in even if all(abs(x - other) > BESIDE * step for other in known))
+
+    @property
+    def spacing(self) -> float:
+        """Between these [m]."""
+        return self.beam.length / ALONG
+
+    def along(self, place: str, aside: float) -> str:
+        """Return the place so far on from one [m], or where the beam ends."""
+        motion, x = self._place(place)
+        return f"{motion}({min(max(x + aside, 0.0), self.beam.length):.7g})"
+
+    def everywhere(self, names: Sequence[str], places: Sequence[str]) -> tuple[Array, Array]:
+        """Rows (f, n) of names in the modes with places, and their flexibility (f, p) to these."""
+        here, there, f = self.ported(places, Damping()), self.ported([*names, *places], Damping()), len(names)
+        turned = np.where(
+            np.sum(here.rows * there.rows[f:], axis=0) < 0.0, -1.0, 1.0
+        )  # modes have no sign of their own
+        return there.rows[:f] * turned, there.flexibility[:f, f:]
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":
         """Return the same beam with another number of modes."""

@@ -17,6 +17,7 @@ from models.bodies.matrixchecks import (
     exchanged,
     refuse_asymmetry,
     refuse_indefinite,
+    refuse_names,
     refuse_nothing,
     refuse_size,
     size,
@@ -94,13 +95,7 @@ class MatrixBody(Elastic):
         if len(self.dofs) != d:
             raise ValueError(f"MatrixBody: dofs has {len(self.dofs)} names; must have {d}, one per row of the matrices")
         for key in ("dofs", "fixed"):
-            names = getattr(self, key)
-            for name in names:
-                if not isinstance(name, str):
-                    raise ValueError(f'MatrixBody: {key} has {name!r}; must be names, such as "{name}"')
-            if len(set(names)) < len(names):
-                twice = next(name for i, name in enumerate(names) if name in names[:i])
-                raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
+            refuse_names(key, getattr(self, key))
         for name in self.fixed:
             if name not in self._numbers:
                 raise ValueError(f'MatrixBody: fixed has "{name}"; must be of dofs, {some(self.dofs)}')
@@ -168,6 +163,11 @@ class MatrixBody(Elastic):
     def translations(self, place: str) -> tuple[str, ...]:
         """Return the degrees of freedom that are free translations of the point of one of them."""
         return same_point(place, self._numbers.keys() - set(self.fixed))
+
+    def elsewhere(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Return its free degrees of freedom; none where the rows of those that are no ports are not known."""
+        known = {*places, *self.fixed}
+        return tuple(name for name in self.dofs if name not in known) if self.reduction == "modes" else ()
 
     def everywhere(self, names: Sequence[str], places: Sequence[str]) -> tuple[Array, Array]:
         """Rows (f, n) of any free degrees of freedom in the lowest modes, and their flexibility (f, p) to places."""

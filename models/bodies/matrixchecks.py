@@ -67,6 +67,16 @@ def _array(name: str, given: Any) -> Any:
     return array
 
 
+def refuse_names(key: str, names: Sequence[object]) -> None:
+    """Refuse names that are none, or are there twice."""
+    for name in names:
+        if not isinstance(name, str):
+            raise ValueError(f'MatrixBody: {key} has {name!r}; must be names, such as "{name}"')
+    if len(set(names)) < len(names):
+        twice = next(name for i, name in enumerate(names) if name in names[:i])
+        raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
+
+
 def refuse_size(name: str, matrix: Matrix, dofs: Sequence[str], held: npt.NDArray[np.intp]) -> None:
     """Refuse entries that no structure has, but on the diagonal of what is held, which nobody reads."""
     diagonal = matrix.diagonal()

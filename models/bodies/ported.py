@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -178,6 +178,34 @@ class Body(Protocol):
         ...
 
 
+@runtime_checkable
+class Everywhere(Protocol):
+    """A body that has more places than anyone names.
+
+    Attributes
+    ----------
+    spacing : float
+        Between places that are tried of a continuum [m]; 0 where places are points.
+    """
+
+    @property
+    def spacing(self) -> float:
+        """Between places that are tried."""
+        ...
+
+    def elsewhere(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Return places apart from some: all that there are, or evenly along what has any number."""
+        ...
+
+    def along(self, place: str, aside: float) -> str:
+        """Return the place so far on from one [m]; no further than a continuum reaches."""
+        ...
+
+    def everywhere(self, names: Sequence[str], places: Sequence[str]) -> tuple[Array, Array]:
+        """Return the rows (f, n) of names in the modes with places, and their flexibility (f, p) to these."""
+        ...
+
+
 class Elastic:
     """Base of bodies whose stiffness as a whole is a number: a modulus, or a factor of a matrix.
 
@@ -202,6 +230,15 @@ class Elastic:
     def _stiffened(self, value: float) -> Self:
         """The same with another one."""
         raise NotImplementedError
+
+    @property
+    def spacing(self) -> float:
+        """Nothing: places are points."""
+        return 0.0
+
+    def along(self, place: str, aside: float) -> str:
+        """Return the place itself."""
+        return place
 
     @property
     def numbers(self) -> "Mapping[str, tuple[float, Parameter]]":

@@ -1,6 +1,6 @@
-"""A joint that is missing at a degree of freedom which neither a sensor nor the rig file names.
+"""A joint that is missing at a place which neither a sensor nor the rig file names.
 
-The structure is a chain of masses given by its matrices. Its records come from an independent simulator.
+Structures are a chain of masses given by its matrices, and a beam. Its records come from an independent simulator.
 """
 
 from dataclasses import replace
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 from scipy.sparse import csr_array, save_npz
 
 from hbm.diagnosis.diagnose import diagnose
@@ -22,7 +23,8 @@ from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.rigfiles.load import load_rig
-from models.bodies import LumpedMass, MatrixBody
+from models.beam import Beam
+from models.bodies import FiniteBeam, LumpedMass, MatrixBody
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, naming
 from models.causes.joints import LocalSpring
@@ -171,6 +173,58 @@ def test_a_stop_at_such_a_place_is_named_with_its_numbers(tmp_path: Path):
     assert any("4.x, which the rig file does not name" in line for line in found.evidence)
     again = load_rig(write_extended(tmp_path / "extended.toml", tmp_path / "rig.toml", found))
     assert "4.x" in again.places and [c.name for c in again.channels] == [c.name for c in rig.channels]
+
+
+BEAM, AT, BEAM_RATIO = Beam(0.6, 0.03, 0.005, 210e9, 7800.0, 8), 0.2137, 0.03
+ALONG = (0.15, 0.28, 0.42, 0.6)
+
+
+def beam_rig(*joints: Joint) -> JointedRig:
+    """A clamped beam, its sensors along it."""
+    channels = (Channel("force", "force", position=0.5), *(Channel(f"a{x}", "acceleration", position=x) for x in ALONG))
+    damping = Damping(modal_ratios=(BEAM_RATIO,) * BEAM.modes)
+    return JointedRig(
+        "beam", FiniteBeam(BEAM, "clamped", "free"), damping, joints, Excitation(1.0, position=0.5), channels
+    )
+
+
+@cache
+def of_beam(at: float = AT) -> MeasuredSpectra:
+    """Records of 20 modes of the beam in closed form, a stop at a place of it."""
+    L, count = BEAM.length, 20
+    z = np.array(
+        [brentq(lambda z: np.cos(z) + 1.0 / np.cosh(z), (i + 0.4) * np.pi, (i + 0.6) * np.pi) for i in range(count)]
+    )
+    # cosh - cos - sigma (sinh - sin), without the difference of what grows
+    rest = (np.sin(z) - np.cos(z) - np.exp(-z)) / (np.sinh(z) + np.sin(z))
+
+    def row(x: float) -> Array:
+        b = z * x / L
+        shape = 0.5 * (rest * np.exp(b) + (2.0 - rest) * np.exp(-b)) - np.cos(b) + (1.0 - rest) * np.sin(b)
+        return np.asarray(shape / np.sqrt(BEAM.mass_per_length * L))
+
+    hz = (z / L) ** 2 * np.sqrt(BEAM.bending_stiffness / BEAM.mass_per_length) / (2.0 * np.pi)
+    modes = Modes(hz, np.full(count, BEAM_RATIO), {f"{x}": row(x) for x in (at, 0.5, *ALONG)})
+    near = np.concatenate([hz[0] * np.array([0.9, 0.97, 1.0, 1.03, 1.1]), hz[1] * np.array([0.97, 1.0, 1.03])])
+    drive, force = np.tile(near, 3), np.repeat([0.2, 0.5, 1.0], len(near))
+    q = steady(modes, gap(2e3, 1e-4), modes.rows[f"{at}"], "0.5", drive, force, 300, 512, H)
+    seen = {f"a{x}": accelerations(modes, q, f"{x}", drive) for x in ALONG}
+    return spectra_with_noise(beam_rig(), seen, drive, force, np.random.default_rng(3), 1e-3)
+
+
+@pytest.mark.parametrize("joints", [(), (Joint("known", CubicSpring(1e8), ("y(0.6)",)),)], ids=["bare", "known"])
+def test_along_a_beam_the_place_is_found_to_its_standard_deviation(joints: tuple[Joint, ...]):
+    """Between the places that are tried; a known joint at the tip may do anything meanwhile."""
+    place = unnamed_place(beam_rig(*joints), of_beam())
+    assert place is not None and place.left < 1.3 < place.left_there
+    found = float(place.at.removeprefix("y(").removesuffix(")"))
+    assert 0.0 < place.std < 0.004
+    assert abs(found - AT) < 3.0 * place.std
+    assert f"known to {1e3 * place.std:.2g} mm" in str(place)
+
+
+def test_along_a_beam_nothing_is_said_of_a_place_that_is_named():
+    assert unnamed_place(beam_rig(), of_beam(0.28)) is None
 
 
 def test_a_joint_may_be_added_anywhere_on_a_body(tmp_path: Path):
