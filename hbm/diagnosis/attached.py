@@ -21,6 +21,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
 from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
 from models.elements import Element, Reading
 from models.jointed import JointedRig
@@ -105,24 +106,26 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     }
 
 
-def same_force(found: Evaluation, cause: Cause, campaign: Campaign) -> Start:
-    """Size at which a cause attaches what pushes as what the only cause of a model attaches does, by name.
+def same_force(found: Evaluation, i: int, cause: Cause, campaign: Campaign) -> Start:
+    """Size at which a cause attaches what pushes as what the cause `i` of a model attaches does, by name.
 
     At the frequencies of the records: a resonator far above its own frequency pushes as a spring. Nothing where either
     attaches nothing, or is shaped by what the other has not.
     """
-    rig, values = found.model.nominal, found.model.values(found.x, 0)
+    rig, values, there = found.model.nominal, found.model.values(found.x, i), found.model.causes[i]
+    if isinstance(there, AddedJoint):
+        return there.plainly(values)
     if isinstance(rig, JointedRig) or not (unknowns := cause.unknowns(rig)):
         return {}
     size, *shapes = unknowns
     if any(u.name not in values for u in shapes):
         return {}
-    there = _added(found.model.causes[0], rig, values)
+    own = _added(there, rig, values)
     one = _added(cause, rig, {size.name: 1.0, **{u.name: values[u.name] for u in shapes}})
-    if len(there) != 1 or len(one) != 1:
+    if len(own) != 1 or len(one) != 1:
         return {}
     omega = 2 * np.pi * np.array([r.hz for r in campaign.data.records])
-    whole, unit = (attached[0].force(omega).real for attached in (there, one))
+    whole, unit = (attached[0].force(omega).real for attached in (own, one))
     return {size.name: float(unit @ whole / (unit @ unit))}
 
 

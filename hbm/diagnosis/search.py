@@ -94,18 +94,20 @@ class Search(Standing):
         return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
 
     def _held_in(self, best: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
-        """Causes that a single one contains, or that act alike, not among the fits, fitted from where it stands."""
-        if len(best.model.causes) > 1:
-            return []
-        held, known = held_by(best.model.causes[0]), {e.model.label for e in fits}
+        """What one of its causes contains in its place, or acts alike, if not among the fits, from where it stands."""
+        causes, known = best.model.causes, {e.model.label for e in fits}
         noise, again = replace(self.campaign, background={}), list[Evaluation]()
-        for cause in (c for c in self.candidates if c.label in held - known):
-            model = replace(best.model, causes=(cause,))
-            start = {(0, name): value for name, value in same_force(best, cause, noise).items()}
+        held = [held_by(rich) - {rich.label} for rich in causes]
+        for i, cause in ((i, c) for i, labels in enumerate(held) for c in self.candidates if c.label in labels):
+            model = replace(best.model, causes=(*causes[:i], cause, *causes[i + 1 :]))
+            if model.label in known:
+                continue
+            start = {(i, name): value for name, value in same_force(best, i, cause, noise).items()}
             with suppress(*FAILURES):
                 fit = fit_model(model, noise, model.at(best.values | start), best.solutions)
                 again.append(refine(fit, noise))
-        for number in (c for c in self._alike(best.model.causes[0]) if c.label not in known):
+        alike = self._alike(causes[0]) if len(causes) == 1 else []
+        for number in (c for c in alike if c.label not in known):
             with suppress(*FAILURES):
                 again.append(in_place_of(best, number, noise))
         self.fitted += again

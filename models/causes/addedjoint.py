@@ -126,6 +126,10 @@ class AddedJoint(Cause):
         """Other places along which it acts too, in proportion to the motion there."""
         return ()
 
+    def plainly(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Numbers of what it contains, beside those of the same name, where that does the same."""
+        return {}
+
     @staticmethod
     def inertia(values: Mapping[str, float]) -> float:
         """Mass that moves with the place [kg]."""

@@ -266,6 +266,10 @@ class LocalBacklash(AddedJoint):
     )
     made = Backlash
 
+    def plainly(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Numbers of the Jenkins element that it is without a play."""
+        return {"critical_slip": values["limit"] / values["stiffness"]}
+
 
 class JointSlip(LocalFriction):
     """A Jenkins element that the modes hold, and that slips."""

@@ -28,7 +28,14 @@ from hbm.response.trace import steady_state, trace_frequency
 from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause
-from models.causes.joints import CubicStiffness, LocalDamper, OneSidedStop, QuinticStiffness
+from models.causes.joints import (
+    CubicStiffness,
+    LocalBacklash,
+    LocalDamper,
+    LocalFriction,
+    OneSidedStop,
+    QuinticStiffness,
+)
 from models.causes.records import NotSteady
 from models.causes.sensors import SensorDelay
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportFlexibility
@@ -432,7 +439,7 @@ def test_a_contained_cause_starts_where_it_pushes_alike() -> None:
     def size(frequency_hz: float, cause: Any) -> dict[str, float]:
         model = Model(rig, {}).extended_by(AttachedResonator())
         x = model.at({(0, "mass"): 0.02, (0, "frequency_hz"): frequency_hz, (0, "position"): 0.2})
-        return same_force(Evaluation(model, x, {}, None, (), np.zeros(0)), cause, campaign)  # type: ignore[arg-type]
+        return same_force(Evaluation(model, x, {}, None, (), np.zeros(0)), 0, cause, campaign)  # type: ignore[arg-type]
 
     assert size(5.0, AddedSpring())["stiffness"] == pytest.approx(0.02 * (10.0 * np.pi) ** 2, rel=5e-3)
     assert size(2000.0, AddedMass())["mass"] == pytest.approx(0.02, rel=5e-3)
@@ -468,6 +475,31 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     assert [label for label, _ in starts] == fitted
     assert all(at == pytest.approx({"stiffness": 1e4, "position": 0.2}) for _, at in starts)
     assert decided == (("as it is", [*search.fitted, *fits]) if fitted else found)
+
+
+def test_what_one_of_two_causes_contains_is_fitted_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A play of nothing before friction is a Jenkins element of the same limit and stiffness."""
+    backlash, damper, friction = LocalBacklash("tip"), LocalDamper("tip"), LocalFriction("tip")
+    model = Model(RIG, {}).extended_by(damper).extended_by(backlash)
+    x = model.at({(0, "coefficient"): 0.7, (1, "stiffness"): 2e4, (1, "limit"): 3.0, (1, "play"): 1e-12})
+    best: Any = Evaluation(model, x, {}, None, (), np.zeros(0))  # type: ignore[arg-type]
+    starts = list[tuple[str, dict[str, float], dict[str, float]]]()
+
+    def fit(model: Model, campaign: Any, x: Any, last: Any) -> Any:
+        starts.append((model.label, model.values(x, 0), model.values(x, 1)))
+        return SimpleNamespace(model=model)
+
+    monkeypatch.setattr("hbm.diagnosis.search.fit_model", fit)
+    monkeypatch.setattr("hbm.diagnosis.search.refine", lambda e, campaign: e)
+    search: Any = SimpleNamespace(
+        candidates=(backlash, damper, friction, CubicStiffness("tip")), campaign=Campaign(None, None),  # type: ignore[arg-type]
+        fitted=[],
+    )  # fmt: skip
+    again = Search._held_in(search, best, [best])
+    (told,) = starts
+    assert told[0] == again[0].model.label == "local-damper tip + local-friction tip"
+    assert told[1:] == ({"coefficient": pytest.approx(0.7)}, pytest.approx({"limit": 3.0, "critical_slip": 1.5e-4}))
+    assert Search._held_in(search, best, [best, *again]) == []
 
 
 def test_a_limit_is_lowered_from_where_the_cause_has_no_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
