@@ -177,7 +177,7 @@ class Campaign:
         They are (k, 2, c, H), transients last.
         """
         force = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)
-        history = [] if simulated.by_history is None else [simulated.by_history]
+        history = [] if simulated.by_history is None else list(np.moveaxis(simulated.by_history, -1, 0))
         lasting = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
         return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *lasting]])
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from continuation import ConvergenceError, Correction
+from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
+from hbm.outputerror.jointhistory import history_of_joints
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record, start_on
 from hbm.outputerror.transients import transients
@@ -42,10 +44,10 @@ class Simulated:
     """One record as simulated: amplitudes (2, c, H), derivatives to p keys (..., p), to force and to frequency.
 
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
-    where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does; and
-    where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from rest leaves.
-    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p), of joints (2H'+1, m, p), are the derivatives of the unknowns
-    of the balance.
+    where a contact or joints never slip, `by_history` (2, c, H, k) what one standard deviation of the mean friction of
+    each does; and where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from
+    rest leaves. `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p), of joints (2H'+1, m, p), are the derivatives of
+    the unknowns of the balance.
     """
 
     solution: PeriodicSolution
@@ -127,6 +129,8 @@ def simulated(
         beside = held_beside(solution) if spare > 0.0 else None
         by = changes_where_solved(found, solution, (*own, HZ, *tones), beside)
         left = left_by_transients(here, solution, data)
+        at = found.linearization
+        kept = history_of_joints(at, solution, data) if isinstance(at, JointLinearization) else None
     except FAILURES:
         return None
     p = len(own)
@@ -139,7 +143,7 @@ def simulated(
         by_force=slopes[..., p - 1] * here.excitation.gain(record.level),
         by_hz=slopes[..., p],
         by_tones=by_tones,
-        by_history=history(spare, by.disturbed, solution, data) if spare > 0.0 else None,
+        by_history=history(spare, by.disturbed, solution, data) if spare > 0.0 else kept,
         by_transients=left,
         Q_by_keys=by.own_Q[..., :p] @ by_keys,
         T_by_keys=by.T[..., :p] @ by_keys,
@@ -168,14 +172,14 @@ def held_beside(solution: PeriodicSolution) -> Disturbance:
 
 
 def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolution, data: Measurement) -> Array:
-    """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
+    """Change of the amplitudes (2, c, H, 1) with one standard deviation of the mean friction of a contact that sticks.
 
     The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
     force along it (foreshortening), which near a sharp resonance is seen. `by_force` is what a constant friction force
     does, `spare` what friction can hold.
     """
     size = spare / np.sqrt(3.0) / float(by_force["friction"][0, 0])
-    change = [parts(solution.basis, by_force[name], data.H)[..., 0] for name in data.channels]
+    change = [parts(solution.basis, by_force[name], data.H) for name in data.channels]
     return np.asarray(size * np.stack(change, axis=1))
 
 

@@ -1,20 +1,30 @@
-"""What the history of a contact that sticks does to a record."""
+"""What the history of a contact, or of joints, that stick does to a record."""
 
 from dataclasses import replace
+from math import cos
 
 import numpy as np
 
 import hbm.integration.integrate
 from hbm import steady_state
+from hbm.outputerror.jointhistory import history_of_joints, spare_forces
 from hbm.outputerror.records import Measurement
 from hbm.outputerror.simulated import held_beside, history, spare_friction, sticks
 from hbm.sensitivity.derivatives import disturbed, sensitivities
+from hbm.sensitivity.jointed import linearized
+from models.bodies import ModalModel
+from models.friction import Jenkins
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Friction, Joint
+from models.parts import Channel, Damping, Excitation
 from models.published import PAPER_PENALTY, paper_rig
 from models.scalars import FORCE
 
 PAPER = paper_rig().with_modes(5)
 RIG, HZ, LEVEL, H = replace(PAPER, contact=replace(PAPER.contact, law=PAPER_PENALTY)), 54.0, 0.3, 3
 CHANNELS = ("a1", "a6")
+STIFFNESS, RATIO = 5e3, 0.1
+"""Of the joint that sticks [N/m]; damping ratio of the one mode."""
 
 
 def test_motion_depends_on_the_mean_friction_as_time_integration_says():
@@ -33,7 +43,7 @@ def test_motion_depends_on_the_mean_friction_as_time_integration_says():
     change = history(spare, by.disturbed, balanced, Measurement((), CHANNELS, H, np.zeros(0)))
     alone = disturbed(RIG, balanced, held_beside(balanced))
     assert all(np.allclose(by.disturbed[name], alone[name], rtol=1e-9, atol=0.0) for name in alone)
-    by_mean = change[:, :, 0] / (spare / np.sqrt(3))
+    by_mean = change[:, :, 0, 0] / (spare / np.sqrt(3))
     for name, predicted in zip(CHANNELS, by_mean.T, strict=True):
         moved = pushed.history.coefficients(name, H) - plain.history.coefficients(name, H)
         marched = np.array([moved[1], -moved[H + 1]]) / mean
@@ -45,3 +55,56 @@ def test_contact_that_slips_has_no_say_in_its_mean():
     slipping = steady_state(RIG, 50.0, harmonics=15)
     assert not sticks(slipping)
     assert spare_friction(RIG, slipping) == 0.0
+
+
+def of_joints(limit: float, k3: float) -> JointedRig:
+    """One mode at a joint that sticks up to a limit, beside a cubic spring."""
+    body, damping = ModalModel((20.0,), {"tip": (1.0,)}), Damping(modal_ratios=(RATIO,))
+    pad = Joint("pad", Friction(Jenkins(1.0, limit / STIFFNESS), limit), ("tip",))
+    spring = Joint("spring", CubicSpring(k3), ("tip",))
+    channels = (Channel("force", "force"), Channel("x", "displacement", at="tip"))
+    return JointedRig("one mode", body, damping, (pad, spring), Excitation(1.0, at="tip"), channels)
+
+
+def marched(f0: float, k3: float, steps: int = 128, periods: int = 40) -> np.ndarray:
+    """Motion (steps,) of that mode where the joint sticks with a force f0 at rest, by Runge and Kutta's method."""
+    Omega, w = 2 * np.pi * 22.0, 2 * np.pi * 20.0
+    h, u, v, motion = 2 * np.pi / Omega / steps, 0.0, 0.0, np.empty(steps)
+
+    def rate(t: float, u: float, v: float) -> tuple[float, float]:
+        return v, cos(Omega * t) - 2 * RATIO * w * v - (w**2 + STIFFNESS) * u - f0 - k3 * u**3
+
+    for i in range(periods * steps):
+        t, motion[i % steps] = i * h, u
+        a = rate(t, u, v)
+        b = rate(t + h / 2, u + h / 2 * a[0], v + h / 2 * a[1])
+        c = rate(t + h / 2, u + h / 2 * b[0], v + h / 2 * b[1])
+        d = rate(t + h, u + h * c[0], v + h * c[1])
+        u, v = (x + h / 6 * (p + 2 * q + 2 * r + s) for x, p, q, r, s in zip((u, v), a, b, c, d, strict=True))
+    return motion
+
+
+def test_motion_beside_a_joint_that_sticks_depends_on_its_mean_as_time_integration_says():
+    """A cubic spring pulled aside gives even harmonics; alone with what is linear such a mean does nothing."""
+    k3, f0, limit = 3e10, 1e-3, 5.0
+    solution = steady_state(of_joints(limit, k3), 22.0, harmonics=9)
+    data = Measurement((), ("x",), H, np.zeros(0))
+    change = history_of_joints(linearized(of_joints(limit, k3), solution), solution, data)[:, 0, :, 0]
+    ((port, spare),) = spare_forces(of_joints(limit, k3), solution)
+    assert port == 0 and spare == limit - np.ptp(solution["pad.force"].samples) / 2
+    forth, back = marched(f0, k3), marched(-f0, k3)
+    between = 2 * f0 + STIFFNESS * (forth.mean() - back.mean())
+    moved = 2 * np.fft.rfft(forth - back)[1 : H + 1] / len(forth) / between
+    predicted = -(change[0] + 1j * change[1]) / (spare / np.sqrt(3.0))
+    np.testing.assert_allclose(predicted, moved, atol=1e-3 * np.abs(moved).max())
+    assert np.abs(spare * moved[1]) > 0.01 * np.abs(np.fft.rfft(forth)[1]) / len(forth)
+    alone = steady_state(of_joints(limit, 0.0), 22.0, harmonics=9)
+    nothing = history_of_joints(linearized(of_joints(limit, 0.0), alone), alone, data)
+    assert np.abs(nothing).max() < 1e-9 * np.abs(alone["x"].coefficients).max()
+
+
+def test_joint_that_slips_has_no_say_in_its_mean():
+    rig = of_joints(0.5, 3e10)
+    slipping = steady_state(rig, 22.0, level=5.0, harmonics=9)
+    assert list(spare_forces(rig, slipping)) == []
+    assert history_of_joints(linearized(rig, slipping), slipping, Measurement((), ("x",), H, np.zeros(0))) is None

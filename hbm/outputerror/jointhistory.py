@@ -1,0 +1,78 @@
+"""What the history of joints that never slip in a record does to it: each keeps the mean force that was left in it.
+
+Beside another joint that is not linear that mean moves what was measured: a cubic spring that is pulled aside gives
+even harmonics.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hbm.balance.jointednewton import JointLinearization
+from hbm.balance.solution import PeriodicSolution
+from hbm.channels import read
+from hbm.fourier import Array
+from hbm.outputerror.records import Measurement, parts
+from hbm.sensitivity.jointed import followed
+from models.jointed import JointedRig
+from models.joints.law import numbers
+from models.joints.rubbing import Friction
+
+LOSSLESS = 1e-9
+"""Of the largest loop that force and motion could close, the loss of a joint that sticks."""
+
+
+def history_of_joints(here: JointLinearization, solution: PeriodicSolution, data: Measurement) -> Array | None:
+    """Change of the amplitudes (2, c, H, k) with one standard deviation of the mean force of each joint that sticks.
+
+    The mean may be anything that friction can hold beside what oscillates. None where no joint sticks.
+
+    Parameters
+    ----------
+    here : JointLinearization
+        The balance at the solution.
+    solution : PeriodicSolution
+    data : Measurement
+
+    Raises
+    ------
+    ArithmeticError
+        At a fold.
+    """
+    problem, rig = here.problem, here.problem.rig
+    kept = dict(spare_forces(rig, solution))
+    if not kept:
+        return None
+    ports, basis, s = list(kept), problem.basis, problem.structure
+    change = np.zeros((problem.size, len(ports)))
+    laws = change[basis.size * s.n :].reshape(basis.size, len(problem.own), len(ports))
+    laws[0, ports, range(len(ports))] = -1.0 / problem.f_ref[ports]
+    Q, f = followed(here, change)
+    size = np.array(list(kept.values())) / np.sqrt(3.0) / f[0, ports, range(len(ports))]
+    moved = np.einsum("cn,knp->ckp", s.channels, Q) + np.einsum("cm,kmp->ckp", s.channels_by_joints, f)
+    channels = zip(rig.response_channels, moved, strict=True)
+    seen = {c.name: parts(basis, read(c, basis, u, here.state.Omega), data.H) for c, u in channels}
+    return np.asarray(np.stack([seen[name] for name in data.channels], axis=1) * size)
+
+
+def spare_forces(rig: JointedRig, solution: PeriodicSolution) -> Iterator[tuple[int, float]]:
+    """Ports of joints that never slip under a constant load, and what each can hold beside what oscillates [N]."""
+    port = 0
+    for joint in rig.joints:
+        law = joint.law
+        if isinstance(law, Friction) and law.normal_stiffness is None and not joint.loaded_by:
+            known = numbers(law)
+            limit = max((known[n] for n in ("mu", "mu_static") if n in known), default=0.0) * known["normal_load"]
+            spare = limit - float(np.ptp(solution[rig.forces[port]].samples)) / 2.0
+            if spare > 0.0 and _sticks(rig, solution, port):
+                yield port, spare
+        port += law.ports
+
+
+def _sticks(rig: JointedRig, solution: PeriodicSolution, port: int) -> bool:
+    """Whether a port takes no energy."""
+    force, motion = solution[rig.forces[port]], solution[rig.motions[port]]
+    basis = solution.basis
+    rate = basis.samples(basis.derivative(motion.coefficients))
+    lost = 2.0 * np.pi * float(np.mean(basis.samples(force.coefficients) * rate))
+    return abs(lost) <= LOSSLESS * float(np.ptp(force.samples) * np.ptp(motion.samples))
