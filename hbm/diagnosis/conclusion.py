@@ -6,7 +6,7 @@ from functools import cache, cached_property, partial
 
 import numpy as np
 
-from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
+from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing, rivals
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import DECISIVE, TIED, Decision, contenders, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
@@ -353,7 +353,7 @@ class Conclusion:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
                 kind = "foretold" if self._foretells(best) else "noise"
-            return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
+            return RELIABLE[kind] * inclusion(rivals(self.decision, best), best)
         if verdict == "unexplained":
             story, scored = self.decision.story, self._scored(self.decision.story)
             by_noise = [misfit(self._noise(story), self.campaign), *([] if scored is None else [scored.misfit])]

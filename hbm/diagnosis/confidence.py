@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from hbm.diagnosis.decide import Decision, evidence
+from hbm.diagnosis.decide import Decision, evidence, inside
 from hbm.diagnosis.search import Search
 from hbm.outputerror.background import weights
+from hbm.outputerror.evaluation import Evaluation
 
 FORETOLD = 0.8
 """Share of the misfit of the records held out that a cause explains, from which on it counts as foretold."""
@@ -22,6 +23,11 @@ RELIABLE = {
 noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
 explain what is missed. Right ones and one more, of all and two more, in 857 cases; docs/theory/diagnosis.md says which
 were counted."""
+
+
+def rivals(decision: Decision, best: Evaluation) -> list[Evaluation]:
+    """Models that a repetition may decide for in place of the best; what contains that would have to be decisive."""
+    return [decision.base, *(e for e in decision.fits if not inside(e, [best]))]
 
 
 def nothing_missing(search: Search, decision: Decision) -> float:

@@ -5,9 +5,10 @@ dynamic stiffness, which whatever belongs to the rig leaves alike at neighbourin
 of a transient is of another phase in every record.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.records import Record, force_columns
 from hbm.outputerror.simulated import Simulated
 from models.causes.records import ParameterDrift
+
+Item = TypeVar("Item")
 
 CLEAR, CLEAREST = 3.0, 10.0
 """Records count that miss a force of so many standard deviations, the more so the clearer that is up to the second."""
@@ -62,13 +65,44 @@ def ordered(base: Evaluation, campaign: Campaign) -> bool:
     bool
         False where no two neighbours miss one clearly.
     """
-    there = [r for r in campaign.data.records if r.number in base.found and r.listed.any()]
-    clear = [m for m in (_missing(r, base.found[r.number], campaign) for r in there) if m.clear > CLEAR]
-    levels = [sorted(level, key=lambda m: m.record.hz) for level in near_each_other(clear, _force, LEVEL)]
+    levels = _by_level(_clear(base, campaign), lambda m: m.record)
     pairs = [(a, b) for level in levels for a, b in pairwise(level) if b.record.hz < NEAR * a.record.hz]
     weight = np.array([min(a.clear, CLEAREST) * min(b.clear, CLEAREST) for a, b in pairs])
     cosine = np.array([(a.phase * b.phase.conjugate()).real for a, b in pairs])
     return bool(weight @ cosine > max(ALIKE * weight.sum(), CHANCE * np.sqrt(weight @ weight / 2.0)))
+
+
+def apart(base: Evaluation, campaign: Campaign) -> bool:
+    """Whether some records miss a force clearly, and none of these was measured beside another one.
+
+    Then nothing says whether there is an order.
+
+    Parameters
+    ----------
+    base : Evaluation
+        A model beside the records.
+    campaign : Campaign
+    """
+    clear = {m.record.number for m in _clear(base, campaign)}
+    levels = _by_level(_there(base, campaign), lambda r: r)
+    beside = [{a.number, b.number} for level in levels for a, b in pairwise(level) if b.hz < NEAR * a.hz]
+    return bool(clear) and not any(clear & pair for pair in beside)
+
+
+def _there(base: Evaluation, campaign: Campaign) -> list[Record]:
+    return [r for r in campaign.data.records if r.number in base.found and r.listed.any()]
+
+
+def _clear(base: Evaluation, campaign: Campaign) -> list[_Missing]:
+    """What is missing in records where that is clear."""
+    missing = (_missing(r, base.found[r.number], campaign) for r in _there(base, campaign))
+    return [m for m in missing if m.clear > CLEAR]
+
+
+def _by_level(items: Sequence[Item], record: Callable[[Item], Record]) -> list[list[Item]]:
+    """Items level by level, in the order of their frequencies."""
+    levels = near_each_other(items, lambda item: record(item).force, LEVEL)
+    return [sorted(level, key=lambda item: record(item).hz) for level in levels]
 
 
 def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missing:
@@ -82,19 +116,15 @@ def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missi
     return _Missing(record, phase, abs(force) / float(np.hypot(np.sqrt(np.trace(covariance)), record.force_std)))
 
 
-def _force(missing: _Missing) -> float:
-    return missing.record.force
-
-
 def disordered(base: Evaluation, nominal: Evaluation, campaign: Campaign) -> bool:
-    """Whether what a model misses has no order.
+    """Whether what a model misses has no order, where neighbours say so.
 
     Calibration may take the order from an effect with what it takes of it: only where it takes next to all was that
     tolerances alone, and what the rig file as it is misses counts no more.
     """
     left, before = (e.white.chi2 - len(e.white) for e in (base, nominal))
     models = {base} if left < TOLERANCES_LEAVE * before else {base, nominal}
-    return not any(ordered(e, campaign) for e in models)
+    return not any(ordered(e, campaign) or apart(e, campaign) for e in models)
 
 
 def drifts_within_levels(e: Evaluation, campaign: Campaign) -> bool:

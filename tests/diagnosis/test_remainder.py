@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
-from hbm.diagnosis.confidence import RELIABLE
-from hbm.diagnosis.decide import DECISIVE, contenders, plainest
+from hbm.diagnosis.confidence import RELIABLE, rivals
+from hbm.diagnosis.decide import DECISIVE, Decision, contenders, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.untested import to_hold_out
@@ -215,6 +215,15 @@ def test_a_cause_that_another_contains_wins_unless_the_rest_pays():
     assert plainest(resonator, [resonator, fit(905.0, 1, ClampRotation())]) is resonator
     pair = fit(980.0, 3, AddedMass(), ClampRotation())
     assert plainest(pair, [pair, elastic]) is elastic
+
+
+def test_what_contains_the_best_cause_is_no_rival_of_it():
+    """A repetition decides for it only where it is decisively likelier, as the measurement did not."""
+    base, elastic, mass = fit(2000.0, 0), fit(1000.0, 1, ClampRotation()), fit(1001.0, 2, AddedMass())
+    slipping, pair = fit(990.0, 2, ClampFriction()), fit(980.0, 3, AddedMass(), ClampRotation())
+    decision = Decision(base, elastic, (slipping, pair, elastic, mass))
+    assert rivals(decision, elastic) == [base, elastic, mass]
+    assert rivals(decision, slipping) == [base, slipping, pair, elastic, mass]
 
 
 def judged(

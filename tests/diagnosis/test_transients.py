@@ -12,7 +12,7 @@ from hbm import load_rig, load_spectra
 from hbm.diagnosis.conclusion import foretells
 from hbm.diagnosis.decide import accepted
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.order import ordered
+from hbm.diagnosis.order import _Missing, disordered, ordered
 from hbm.diagnosis.predict import predicted
 from hbm.diagnosis.verdict import Errors
 from hbm.fourier import FourierBasis
@@ -126,6 +126,25 @@ def test_what_belongs_to_the_rig_has_an_order():
     campaign, _ = campaign_of(rig, load_spectra(EXAMPLE / "spectra.csv", rig), NUMERICS)
     base = evaluate(Model(rig, {}), campaign, np.array([]), {})
     assert per_coefficient(base) > 3.0 and ordered(base, campaign)
+
+
+@pytest.mark.parametrize(
+    ("clear", "offered"),
+    [((10.0, 12.0, 14.0), False), ((10.0,), False), ((20.0,), True), ((10.0, 20.0), True), ((), True)],
+)
+def test_records_far_from_each_other_do_not_tell_that_there_is_no_order(monkeypatch, clear, offered):
+    """Beside a record that misses a force another one that misses none, or another one, has to be measured."""
+
+    def missing(record: Any, found: None, campaign: Any) -> _Missing:
+        return _Missing(record, 1j**record.number, 100.0 if record.hz in clear else 0.0)
+
+    monkeypatch.setattr("hbm.diagnosis.order._missing", missing)
+    hz = (10.0, 12.0, 14.0, 20.0, 21.0)
+    records = [SimpleNamespace(number=i, hz=f, force=2.0, listed=np.ones(1, bool)) for i, f in enumerate(hz)]
+    campaign: Any = SimpleNamespace(data=SimpleNamespace(records=records))
+    white = type("White", (), {"chi2": 100.0, "__len__": lambda self: 10})()
+    base: Any = type("Base", (), {"found": dict.fromkeys(range(len(hz))), "white": white})()
+    assert disordered(base, base, campaign) is offered
 
 
 def test_they_are_offered_once_and_where_they_are_known():
