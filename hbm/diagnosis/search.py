@@ -275,7 +275,7 @@ class Search(Standing):
         best = next((e for e, base in bases if self._accepted(base, e, self.tried)), None)
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
-            return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
+            return Decision(calibrated, None, tuple(one_of_each([*ranked, *(beside(e, self.campaign) for e in near)])))
         # not only those ranked: a fit that none of these is would be made again without end
         if self._held_in(best, (best, *self._fitted_over(best.model))):
             return self._beside_background(leaves)

@@ -502,6 +502,33 @@ def test_what_one_of_two_causes_contains_is_fitted_in_its_place(monkeypatch: pyt
     assert Search._held_in(search, best, [best, *again]) == []
 
 
+def test_causes_that_are_not_believed_are_ranked_once_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits of one cause from two starts end next to each other."""
+
+    def fit(label: str, value: float) -> Any:
+        model = SimpleNamespace(label=label, causes=(label,), calibrated=True)
+        return SimpleNamespace(model=model, bic=value, missing=())
+
+    again, first, other = fit("spring", 2.1), fit("spring", 2.0), fit("stop", 3.0)
+    monkeypatch.setattr("hbm.diagnosis.search.beside", lambda e, campaign: e)
+    monkeypatch.setattr("hbm.diagnosis.search.background_of", lambda e, campaign: {})
+    monkeypatch.setattr("hbm.diagnosis.search.evidence", lambda e: e.bic)
+    base = fit("", 9.0)
+    search: Any = SimpleNamespace(
+        tell=lambda *_: None,
+        fitted=[again, other, first],
+        nominal=base,
+        calibrated=base,
+        campaign=Campaign(None, None),  # type: ignore[arg-type]
+        tolerable=lambda e: True,
+        tried=3,
+        _calibrated_too=lambda: [],
+        _less_moved=lambda e: [],
+        _accepted=lambda *_: False,
+    )
+    assert Search._beside_background(search).fits == (first, other)
+
+
 def test_a_limit_is_lowered_from_where_the_cause_has_no_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """A clamp that gives way beyond a moment, and is rigid below it, is not near one that yields throughout."""
     rig = paper_rig()
