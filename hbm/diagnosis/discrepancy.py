@@ -52,7 +52,9 @@ class Known(NamedTuple):
     at: str
     several: bool
     share: float
+    chi2: float
     left: float
+    unknowns: int
 
     def __str__(self) -> str:
         """In words."""
@@ -123,7 +125,7 @@ class Discrepancy:
         Where next to all is explained by a place alone, two must leave noise.
         """
         single = self.places[0]
-        if self.known is None or not self.beside or self._noise_alone(single):
+        if self.known is None or not self.beside or self._noise_alone(single) or self._noise_alone(self.known):
             return False
         both = self.beside[0]
         worth = single.share <= NEARLY_ALL or self._noise_alone(both)
@@ -155,7 +157,7 @@ class Discrepancy:
             return p.share
         return float(np.clip(1.0 - (p.left - 1.0) / (self.known.left - 1.0), 0.0, 1.0))
 
-    def _noise_alone(self, p: MissingForce) -> bool:
+    def _noise_alone(self, p: MissingForce | Known) -> bool:
         dof = self.points - p.unknowns
         return bool(p.chi2 < dof + CLEAR * np.sqrt(2.0 * dof))
 
@@ -317,9 +319,9 @@ def _known(rig: AnyRig, white: Sequence[Placed], e: Evaluation) -> Known:
     """What free forces at the contact explain, or at all joints of a rig."""
     found = _explained([Span(w.beside) for w in white], white, e)
     if not isinstance(rig, JointedRig):
-        return Known("the contact", False, found.share, found.left)
+        return Known("the contact", False, *found[1:])
     joints = f"the joint{'s' * (len(rig.joints) > 1)} {' and '.join(j.name for j in rig.joints)}"
-    return Known(joints, len(rig.structure.joints) > 1, found.share, found.left)
+    return Known(joints, len(rig.structure.joints) > 1, *found[1:])
 
 
 def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[Placed], e: Evaluation, i: int) -> MissingForce:

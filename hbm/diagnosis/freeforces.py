@@ -7,6 +7,7 @@ there does; and if it alone is missing, the motion there is that with this force
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -113,7 +114,7 @@ def free_forces(rig: JointedRig, data: Measurement, rows: Array, flexibility: Ar
             if not line.read.any():
                 continue
             of_places = line.read[:, None] * (s.channels[to] @ line.through @ rows.T + flexibility.T)
-            missed, of_places = _across(line, line.missed, of_places)
+            missed, of_places = across(line.by_joints, line.missed, of_places)
             size = np.sum(np.abs(of_places) ** 2, axis=0)
             chi2 += float(np.vdot(missed, missed).real)
             gain += np.abs(of_places.conj().T @ missed) ** 2 / np.where(size > 0.0, size, np.inf)
@@ -135,9 +136,9 @@ def sensors_of(rig: JointedRig, data: Measurement) -> list[str]:
     return [place_of(rig.response_channels[i]) for i in _to(rig, data)]
 
 
-def _across(line: Line, *parts: Complex) -> Iterator[Complex]:
-    """Parts (c, ...) of readings that free forces at the joints do not make."""
-    Q = np.linalg.qr(line.by_joints)[0]
+def across(by_joints: Complex, *parts: Complex) -> Iterator[Complex]:
+    """Parts (c, ...) of readings that free forces at joints do not make, by what unit ones do, (c, m)."""
+    Q = np.linalg.qr(by_joints)[0]
     return (np.asarray(part - Q @ (Q.conj().T @ part)) for part in parts)
 
 
@@ -160,11 +161,18 @@ class EndsOfRig:
         self.to_sensors = self.signs @ p.flexibility[:first, first:]
         self.own = np.einsum("pe,ef,pf->p", self.signs, p.flexibility[:first, :first], self.signs)
 
+    @cached_property
+    def _found(self) -> FreeForces | None:
+        return free_forces(self.rig, self.data, self.rows, self.to_sensors)
+
     @property
     def told(self) -> bool:
         """Whether a free force at one of them explains nearly all."""
-        found = free_forces(self.rig, self.data, self.rows, self.to_sensors)
-        return found is not None and bool(found.shares.max(initial=0.0) >= NEARLY)
+        return self._found is not None and bool(self._found.shares.max(initial=0.0) >= NEARLY)
+
+    def told_by_joints(self, left: float) -> bool:
+        """Whether forces at the joints alone explain nearly all of what a model leaves, in noise variances."""
+        return self._found is not None and self._found.before - 1.0 <= (1.0 - NEARLY) * (left - 1.0)
 
     def of_record(self, record: Record) -> tuple[Array, Array, Complex]:
         """What a record misses, what cosines and sines of a force at each of the ends do, and the motion there.
@@ -186,8 +194,8 @@ class EndsOfRig:
         for k, line in enumerate(lines(rig, self.data, record)):
             by = self.rows @ line.through
             of_ends = line.read[:, None] * (s.channels[to] @ line.through @ self.rows.T + self.to_sensors.T)
-            missed[:, k], across = _across(line, line.missed, of_ends)
-            columns[:, k, :, k], columns[:, k, :, H + k] = across, -1j * across
+            missed[:, k], seen = across(line.by_joints, line.missed, of_ends)
+            columns[:, k, :, k], columns[:, k, :, H + k] = seen, -1j * seen
             moved = (by @ s.excitation + self.signs @ s.channels_by_force[probes:]) * line.force
             of_joints = by @ s.joints.T + self.signs @ s.channels_by_joints[probes:]
             for i in range(p if line.read.any() else 0):

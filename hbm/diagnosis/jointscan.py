@@ -7,14 +7,16 @@ force-state map, fitted by one law after the other.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Protocol
 
 import numpy as np
+from scipy.optimize import minimize
 
 from hbm.aft.joint import JointOverPeriod
+from hbm.diagnosis.atjoints import joints_between, missing_at
 from hbm.diagnosis.forcedrecords import WhiteRecord, read_by
 from hbm.diagnosis.freeforces import EndsOfRig
 from hbm.diagnosis.jointplaces import JointPlace
@@ -34,6 +36,10 @@ HARMONICS, SAMPLES = 9, 128
 
 MOST, APART = 3, 0.5
 """Starts of a candidate, at most, whose gain is at least this share of its best."""
+
+CLOSELY, ASIDE = 30, 0.25
+"""Shapes that are tried about the best one where it is found closely, for each of its numbers; and its first stride, in
+logarithms."""
 
 TELLING = 1e-9
 """A column of which calibration leaves less than this share of the largest says nothing."""
@@ -76,8 +82,39 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint], *, large
     ends = tried_ends(rig, causes)
     free = EndsOfRig(rig, few.data, ends) if large else None
     of_model = partial(_pushed, base, few, rig, ends)
-    made = partial(_free, free, base) if free is not None and free.told else of_model
-    yield from scanned(base, [made(r) for r in records], ends, causes)
+    by_joints = free is not None and free.told_by_joints(base.white.chi2 / len(base.white))
+    made = of_model if free is None or by_joints or not free.told else partial(_free, free, base)
+    own = dict(_at_joints(base, records, rig, few, ends, causes)) if by_joints else {}
+    for found in scanned(base, [made(r) for r in records], ends, causes, exact=made is not of_model):
+        yield own.get(found.cause, found)
+
+
+def _at_joints(
+    base: Evaluation,
+    records: Sequence[Record],
+    rig: JointedRig,
+    few: Campaign,
+    ends: Sequence[Ends],
+    causes: Sequence[AddedJoint],
+) -> Iterator[tuple[AddedJoint, Scanned]]:
+    """Candidates where the rig has a joint already, beside its law: at any size of the misfit."""
+    for i, port, way in joints_between(rig, ends):
+        beside = [_beside_law(base, r, *missing_at(rig, few.data, r, port), way) for r in records]
+        missed = sum(float(r.residual @ r.residual) for r in beside)
+        # as a share of what the base leaves, to be compared with what laws elsewhere promise of that
+        share = base.white.chi2 / max(missed, np.finfo(float).tiny)
+        there = [c for c in causes if c.way(ends[i]) and not c.beside(rig)]
+        for found in scanned(base, beside, [ends[i]], there, exact=True):
+            yield found.cause, replace(found, drop=share * found.drop, z=float(np.sqrt(share)) * found.z)
+
+
+def _beside_law(
+    base: Evaluation, record: Record, missed: Array, columns: Array, motion: Complex, way: float
+) -> "PushedRecord":
+    listed, omega = record.listed, 2 * np.pi * record.hz
+    residual, size = missed[listed], np.array([np.abs(motion).sum()])
+    none = np.zeros((len(residual), len(base.x)))
+    return PushedRecord(residual, none, [way * columns[listed]], way * motion[None], size, omega, omega)
 
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
@@ -87,16 +124,27 @@ def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
 
 
 def scanned(
-    base: Evaluation, records: Sequence["PushedRecord"], ends: Sequence[Ends], causes: Sequence[AddedJoint]
+    base: Evaluation,
+    records: Sequence["PushedRecord"],
+    ends: Sequence[Ends],
+    causes: Sequence[AddedJoint],
+    *,
+    exact: bool = False,
 ) -> Iterator[Scanned]:
-    """Score candidates on records with forces at places."""
+    """Score candidates on records with forces at places; where these are exact, the best shapes are found closely."""
     rig = base.model.nominal
     assert isinstance(rig, JointedRig)
     places = {pair: _Place(base, records, i) for i, pair in enumerate(ends)}
-    for pair, place in places.items():
-        for c in causes:
-            if way := c.way(pair):
-                yield place.scanned(c, way, [places[other, GROUND] for other in c.beside(rig)])
+    offered = [
+        (place, c, way, [places[other, GROUND] for other in c.beside(rig)])
+        for pair, place in places.items()
+        for c in causes
+        if (way := c.way(pair))
+    ]
+    found = [place.scanned(c, way, beside) for place, c, way, beside in offered]
+    best = max((f.drop for f in found), default=0.0)
+    for f, (place, c, way, beside) in zip(found, offered, strict=True):
+        yield place.closer(f, c, way, beside) if exact and f.drop >= APART * best > 0.0 else f
 
 
 class Columns(Protocol):
@@ -200,6 +248,30 @@ class _Place:
         best = sorted(tried, key=lambda t: -t.drop)
         starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
         return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts, self.reach, self.deviation)
+
+    def closer(self, found: Scanned, cause: AddedJoint, way: float, beside: "Sequence[_Place]") -> Scanned:
+        """The same with the shape that explains most, from the best that was tried."""
+        shapes = _shapes(cause)
+        names = list(shapes[0])
+        if not names:
+            return found
+        best = max(shapes, key=lambda shape: self._tried(cause, way, shape, beside).drop)
+        signs = np.sign([best[name] for name in names])
+
+        def shape(x: Array) -> dict[str, float]:
+            return dict(zip(names, (signs * np.exp(x)).tolist(), strict=True))
+
+        def left(x: Array) -> float:
+            return -self._tried(cause, way, shape(x), beside).drop
+
+        start = np.log(np.abs([best[name] for name in names]))
+        corners = np.vstack([start, start + ASIDE * np.eye(len(names))])
+        options = {"initial_simplex": corners, "maxfev": CLOSELY * len(names), "xatol": ASIDE / 100.0, "fatol": 1.0}
+        there = self._tried(cause, way, shape(minimize(left, start, method="Nelder-Mead", options=options).x), beside)
+        if there.drop <= found.drop:
+            return found
+        starts = (there.start, *found.starts)
+        return replace(found, drop=there.drop, z=there.z, signature=there.signature, starts=starts)
 
     def _tried(self, cause: AddedJoint, way: float, shape: dict[str, float], beside: "Sequence[_Place]") -> "_Tried":
         strengths = [n for n in cause.numbers if not n.shapes]

@@ -41,11 +41,17 @@ def found(
     both = tuple(at(name, left, 2 * UNKNOWNS) for name, left in (beside or {}).items())
     four = np.arange(4), np.full(4, 3.0), np.full(4, 50.0)
     contact = next(
-        (Known("the contact", False, p.share, p.left) for p in places if p.place.name == "the contact"), None
+        (
+            Known("the contact", False, p.share, p.chi2, p.left, UNKNOWNS)
+            for p in places
+            if p.place.name == "the contact"
+        ),
+        None,
     )
     of_joints = None
     if joints is not None:
-        of_joints = Known("the joints pad and stop", True, 1.0 - (joints - 1.0) / (misfit - 1.0), joints)
+        share, chi2 = 1.0 - (joints - 1.0) / (misfit - 1.0), joints * (POINTS - UNKNOWNS)
+        of_joints = Known("the joints pad and stop", True, share, chi2, joints, UNKNOWNS)
     return Discrepancy(*four, misfit * POINTS, POINTS, places, both, of_joints or contact)
 
 
