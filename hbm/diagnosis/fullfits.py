@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.fit import STEPS, fit_from, fit_model, found_again, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.outputerror.valley import along_valley
 from models.causes.cause import Cause, candidates_of
 from models.causes.records import ForceDistortion
 from models.causes.sensors import SensorGain
@@ -131,9 +133,11 @@ def refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> lis
     first, *others = ordered
     if not refinable(first):
         if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
-            first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
+            first = along_valley(fit_model(first.model, campaign, first.x, first.solutions, FINISHED), campaign)
         return [first, *others]
     first = refine(first, campaign)
+    if scanned(base):
+        first = along_valley(first, replace(campaign, corrections=first.corrections))
     if not small(base) and first.chi2 - len(first.white) < FAR:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
     return sorted([first, *others], key=rank)

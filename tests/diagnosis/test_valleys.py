@@ -13,7 +13,7 @@ import hbm.diagnosis.fullfits
 from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
 from hbm.diagnosis.decide import BARE, Decision, tied
-from hbm.diagnosis.fullfits import HELPS, full_fits
+from hbm.diagnosis.fullfits import HELPS, full_fits, refined
 from hbm.diagnosis.quickfits import CHANCE, SEEN, QuickFits, _apart, _limited
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
@@ -24,6 +24,7 @@ from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
+from hbm.outputerror.valley import along_valley
 from hbm.response.trace import steady_state, trace_frequency
 from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
@@ -36,11 +37,13 @@ from models.causes.joints import (
     OneSidedStop,
     QuinticStiffness,
 )
+from models.causes.joints import CubicStiffness, JointMicroslip, LocalDamper, OneSidedStop, QuinticStiffness
 from models.causes.records import NotSteady
 from models.causes.sensors import SensorDelay
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportFlexibility
+from models.friction import Iwan
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Joint
+from models.joints import CubicSpring, Friction, Joint, PolynomialSpring
 from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
 
@@ -98,6 +101,29 @@ def test_a_fit_gets_to_a_branch_that_was_not_there_where_it_began() -> None:
     assert begun.chi2 > 1e4 * len(begun.white)
     assert found.chi2 < 3.0 * len(found.white)
     assert abs(model.free[0].value(found.x[0]) - K3) < 3.0 * found.std[0] + 1e-3 * K3
+
+
+def test_a_fit_goes_on_along_its_valley_beyond_a_ripple_of_it() -> None:
+    """Of a joint whose parts slip one after the other little more is seen than its stiffness squared over its limit."""
+    stiffness, limit = 2e3, 0.3
+    hidden = Joint("hidden", Friction(Iwan(1.0, stiffness, elements=50), limit), ("tip",))
+    held = Joint("held", PolynomialSpring(-stiffness), ("tip",))
+    slips, linear = replace(RIG, joints=(hidden, held)), replace(RIG, joints=())
+    levels = [replace(slips, excitation=Excitation(level, at="tip")) for level in (0.03, 0.1)]
+    states = [steady_state(rig, hz, harmonics=1) for rig in levels for hz in (19.4, 19.8, 20.0)]
+    rows = {name: np.array([s[name].coefficients[:3] for s in states]) for name in ("x", "force")}
+    size = 2e-3 * np.abs(rows["x"]).max(axis=1, keepdims=True)
+    rows["x"] = rows["x"] + size * np.random.default_rng(0).normal(size=rows["x"].shape)
+    std = {"x": np.hstack([size, size]), "force": np.full((len(states), 2), 1e-6)}
+    measured = spectra_of(linear, *np.array([[s.hz, s.level] for s in states]).T, rows, std)
+    campaign, _ = campaign_of(linear, measured)
+    bare = Model(linear, {})
+    base, model = evaluate(bare, campaign, bare.start, {}), bare.extended_by(JointMicroslip("tip"))
+    far = model.at({(0, "stiffness"): 1.5 * stiffness, (0, "limit"): 2.2 * limit})
+    ended = fit_model(model, campaign, far, base.solutions, 40)
+    assert ended.chi2 > 2.0 * len(ended.white)
+    (found,) = refined([ended], base, campaign)
+    assert found.chi2 < len(found.white) and along_valley(found, campaign) is found
 
 
 @pytest.mark.parametrize(("larger", "times"), [(1.05, 0), (1.3, 1)])
