@@ -36,6 +36,7 @@ from hbm.outputerror.fit import fit_from, fit_model
 from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.outputerror.valley import along_valley
 from hbm.outputerror.whitened import Whitened
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
@@ -221,6 +222,7 @@ class FlooredSearch:
         if not fits:
             return None
         leader = self._settled(fits[0])
+        leader = along_valley(leader, self.campaign)
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
             self.campaign = before
             return None

@@ -18,7 +18,10 @@ STRIDE, STEPS = 2.0, 5
 """Factor by which a stride changes the number that it changes most; steps of least squares after it, at most."""
 
 WORTH = 0.01
-"""Share of the excess of chi2 by which it must fall for a stride to be kept, and followed by another one."""
+"""Share of the excess of chi2, 1 at least, by which it must fall for a stride to be kept and followed by a next one."""
+
+LONG = 3.0
+"""A valley is long where one combination of numbers, as factors, is known so many times less well than another one."""
 
 
 def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
@@ -27,10 +30,10 @@ def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
     Parameters
     ----------
     e : Evaluation
-        Where a descent has ended; what is returned where no stride helps, or it leaves noise alone.
+        Where a descent has ended; what is returned where no stride helps, or the valley is not long.
     campaign : Campaign
     """
-    tangent = _least_determined(e) if e.chi2 > len(e.white) else None
+    tangent = _least_determined(e)
     for way in () if tangent is None else (tangent, -tangent):
         best = _walked(e, campaign, way)
         if best is not e:
@@ -40,7 +43,7 @@ def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
 
 def _walked(e: Evaluation, campaign: Campaign, way: Array) -> Evaluation:
     """The last fit of strides that each help, the first of them that way."""
-    worth = WORTH * max(e.chi2 - len(e.white), 0.0)
+    worth = max(WORTH * (e.chi2 - len(e.white)), 1.0)
     there = None
     with suppress(*FAILURES):
         there = fit_model(e.model, campaign, _strode(e, way), e.solutions, STEPS, needed=e.found, reach=e.chi2 - worth)
@@ -53,7 +56,7 @@ def _walked(e: Evaluation, campaign: Campaign, way: Array) -> Evaluation:
 def _least_determined(e: Evaluation) -> Array | None:
     """Change of the coordinates, of the logarithms of numbers of causes, in the direction least determined, (n,).
 
-    All others follow to first order. None where a cause has no two numbers, or they are at bounds.
+    All others follow to first order. None where the valley is not long, as that of fewer than two numbers.
     """
     own = _own(e)
     if len(own) < 2:
@@ -61,7 +64,9 @@ def _least_determined(e: Evaluation) -> Array | None:
     scale = np.ones(len(e.x))
     scale[own] = [e.model.free[i].slope(e.x[i]) / e.model.free[i].value(e.x[i]) for i in own]
     covariance = scale[:, None] * e.covariance * scale
-    _, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
+    spread, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
+    if spread[-1] < LONG**2 * spread[0]:
+        return None
     change = covariance[:, own] @ vectors[:, -1]
     return np.asarray(change / np.abs(change[own]).max())
 

@@ -29,10 +29,6 @@ SLIPS = (0.002, 0.005, 0.01, *ONSETS)
 """The same of friction that sticks in no record near the resonance, and in some far from it."""
 
 
-SLIDERS = 20
-"""Of an Iwan element. Where one more slides its force has a corner, and its misfit a ripple in which fits stop: with so
-many the loss is within 4 % of that of a continuous distribution where a fifth of them slide, with ten within 13 %."""
-
 HARDLY = 1e-3
 """Of how far a point moves along the direction in which it moves most."""
 
@@ -249,7 +245,7 @@ class LocalMicroslip(AddedJoint):
     @classmethod
     def law(cls, values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load."""
-        return Friction(Iwan(1.0, values["stiffness"], elements=SLIDERS), values["normal_load"])
+        return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
 
 
 class LocalBacklash(AddedJoint):

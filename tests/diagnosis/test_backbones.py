@@ -121,6 +121,17 @@ def test_the_joint_that_bends_a_backbone_is_named(
         assert estimate.std < 0.5 * value
 
 
+def test_a_fit_to_a_backbone_goes_on_along_its_valley(rig: JointedRig, tmp_path: Path) -> None:
+    """At the largest motion all parts of the joint slide, which tells its limit and its stiffness apart."""
+    stiffness, limit = 4e3, 0.4 * 4e3 * LARGEST
+    truth = JointMicroslip("tip").extend(made(tmp_path, 0.0013), {"stiffness": stiffness, "limit": limit})
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=[JointMicroslip])
+    for name, value in (("stiffness", stiffness), ("limit", limit)):
+        estimate = found.parameters[name]
+        assert isinstance(estimate.value, float)
+        assert abs(estimate.value - value) < 2.0 * estimate.std < 0.4 * value
+
+
 def test_a_joint_that_calibration_leaves_whole_is_named_with_every_place_it_may_be_at(tmp_path: Path) -> None:
     """Where the rig file misses all of a response, any model would do beside what calibration leaves."""
     (tmp_path / "three.toml").write_text(THREE)

@@ -106,7 +106,7 @@ def test_a_fit_gets_to_a_branch_that_was_not_there_where_it_began() -> None:
 def test_a_fit_goes_on_along_its_valley_beyond_a_ripple_of_it() -> None:
     """Of a joint whose parts slip one after the other little more is seen than its stiffness squared over its limit."""
     stiffness, limit = 2e3, 0.3
-    hidden = Joint("hidden", Friction(Iwan(1.0, stiffness, elements=50), limit), ("tip",))
+    hidden = Joint("hidden", Friction(Iwan(1.0, stiffness), limit), ("tip",))
     held = Joint("held", PolynomialSpring(-stiffness), ("tip",))
     slips, linear = replace(RIG, joints=(hidden, held)), replace(RIG, joints=())
     levels = [replace(slips, excitation=Excitation(level, at="tip")) for level in (0.03, 0.1)]

@@ -23,7 +23,6 @@ from models import (
     VelocityLimited,
     Viscous,
 )
-from models.causes.joints import JointMicroslip
 from models.friction import parameters
 from models.joints import (
     Backlash,
@@ -239,16 +238,3 @@ def test_a_play_of_nothing_is_a_jenkins_element() -> None:
     f = JointOverPeriod(Backlash(0.8 / 0.3, 0.8, 0.0), BASIS).forces(signals, OMEGA)[0]
     one = JointOverPeriod(Friction(Jenkins(0.4, 0.3), 2.0), BASIS).forces(signals, OMEGA)[0]
     assert np.abs(f - one).max() < 1e-12
-
-
-@pytest.mark.parametrize("share", [0.25, 0.31, 0.42, 0.6, 0.9])
-def test_micro_slip_loses_as_much_as_a_continuous_distribution(share: float) -> None:
-    """Of limits that are uniform up to twice their mean, after Masing's rule: 2 k A^3 / 3 U, all slide from U on."""
-    k, limit = 3.0, 0.6
-    A, U = share * 2.0 * limit / k, 2.0 * limit / k
-    signals = np.zeros((BASIS.size, 3))
-    signals[1, 0] = A
-    f, _ = JointOverPeriod(JointMicroslip.law({"stiffness": k, "normal_load": limit}), BASIS).forces(signals, OMEGA)
-    assert abs(np.pi * A * (BASIS.analysis @ f[:, 0])[1 + BASIS.H]) == pytest.approx(
-        2.0 * k * A**3 / (3.0 * U), rel=0.025
-    )
