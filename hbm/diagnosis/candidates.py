@@ -92,16 +92,18 @@ def fit_candidates(
     reached = of_few = _left(quick.before, quick.few.points, FORESEEN * useful)
     if small(base):
         promising = [c for c in _by_score(quick, screening) if c.chi2 <= foreseen]
-        done = refined(full_fits(promising, base, campaign, tell, of_use), base, campaign)
+        done = refined(full_fits(promising, base, campaign, tell, of_use), base, campaign, foreseen)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if unseen(s)]
     else:
         little = LITTLE if likely is None and not scanned(base) else 0.0
         chosen, richer, tried = _by_quick_fits(quick, screening, tell, little, of_few, likely=likely)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = min(EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf, of_use)
-        done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
+        done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign, foreseen)
         if richer and not any(enough(e) for e in done):
-            done = sorted([*done, *refined(full_fits(richer, base, campaign, tell, of_use), base, campaign)], key=rank)
+            done = sorted(
+                [*done, *refined(full_fits(richer, base, campaign, tell, of_use), base, campaign, foreseen)], key=rank
+            )
         rest = in_order(screening, base)
         reached = min(of_few, chosen[0].chi2 if lost else np.inf)
     rest = [s for s in rest if likely is None and s.cause.label not in tried]
@@ -109,7 +111,7 @@ def fit_candidates(
         chosen, _, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(full_fits(chosen, base, campaign, tell, of_use), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
-            more = refined(more, base, campaign)
+            more = refined(more, base, campaign, foreseen)
         done = sorted([*done, *more], key=rank)
     return followed(done, campaign) if any(enough(e) for e in done[:1]) else done
 

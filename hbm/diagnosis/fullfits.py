@@ -125,18 +125,22 @@ def refinable(e: Evaluation) -> bool:
     return e.chi2 <= REFINABLE * len(e.white)
 
 
-def refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
-    """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
+def refined(done: list[Evaluation], base: Evaluation, campaign: Campaign, of_use: float = np.inf) -> list[Evaluation]:
+    """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough.
+
+    The best one of a joint goes on along its valley, if its chi2 is of use.
+    """
     ordered = sorted(done, key=rank)
     if not ordered:
         return []
     first, *others = ordered
     if not refinable(first):
         if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
-            first = along_valley(fit_model(first.model, campaign, first.x, first.solutions, FINISHED), campaign)
+            first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
+            first = along_valley(first, campaign) if first.chi2 <= of_use else first
         return [first, *others]
     first = refine(first, campaign)
-    if scanned(base):
+    if scanned(base) and first.chi2 <= of_use:
         first = along_valley(first, replace(campaign, corrections=first.corrections))
     if not small(base) and first.chi2 - len(first.white) < FAR:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]

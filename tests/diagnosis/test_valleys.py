@@ -124,6 +124,8 @@ def test_a_fit_goes_on_along_its_valley_beyond_a_ripple_of_it() -> None:
     assert ended.chi2 > 2.0 * len(ended.white)
     (found,) = refined([ended], base, campaign)
     assert found.chi2 < len(found.white) and along_valley(found, campaign) is found
+    (of_no_use,) = refined([ended], base, campaign, of_use=0.5 * ended.chi2)
+    assert of_no_use.chi2 > 2.0 * len(ended.white)
 
 
 @pytest.mark.parametrize(("larger", "times"), [(1.05, 0), (1.3, 1)])
