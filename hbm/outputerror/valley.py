@@ -23,6 +23,9 @@ WORTH = 0.01
 LONG = 3.0
 """A valley is long where one combination of numbers, as factors, is known so many times less well than another one."""
 
+FLAT = 30.0
+"""And flat where a stride along it would raise chi2, to first order, by less than so many times what it is, or the coefficients are."""
+
 
 def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
     """The fit that strides along its valley lead to, one way or else the other.
@@ -30,7 +33,7 @@ def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
     Parameters
     ----------
     e : Evaluation
-        Where a descent has ended; what is returned where no stride helps, or the valley is not long.
+        Where a descent has ended; what is returned where no stride helps, or the valley is not long and flat.
     campaign : Campaign
     """
     tangent = _least_determined(e)
@@ -56,7 +59,7 @@ def _walked(e: Evaluation, campaign: Campaign, way: Array) -> Evaluation:
 def _least_determined(e: Evaluation) -> Array | None:
     """Change of the coordinates, of the logarithms of numbers of causes, in the direction least determined, (n,).
 
-    All others follow to first order. None where the valley is not long, as that of fewer than two numbers.
+    All others follow to first order. None where the valley is not long or not flat, as that of fewer than two numbers.
     """
     own = _own(e)
     if len(own) < 2:
@@ -65,10 +68,10 @@ def _least_determined(e: Evaluation) -> Array | None:
     scale[own] = [e.model.free[i].slope(e.x[i]) / e.model.free[i].value(e.x[i]) for i in own]
     covariance = scale[:, None] * e.covariance * scale
     spread, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
-    if spread[-1] < LONG**2 * spread[0]:
-        return None
     change = covariance[:, own] @ vectors[:, -1]
-    return np.asarray(change / np.abs(change[own]).max())
+    change /= np.abs(change[own]).max()
+    rise = np.log(STRIDE) ** 2 * float(change[own] @ change[own]) / spread[-1]
+    return None if spread[-1] < LONG**2 * spread[0] or rise > FLAT * max(e.chi2, len(e.white)) else np.asarray(change)
 
 
 def _own(e: Evaluation) -> list[int]:

@@ -31,13 +31,13 @@ from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause
 from models.causes.joints import (
     CubicStiffness,
+    JointMicroslip,
     LocalBacklash,
     LocalDamper,
     LocalFriction,
     OneSidedStop,
     QuinticStiffness,
 )
-from models.causes.joints import CubicStiffness, JointMicroslip, LocalDamper, OneSidedStop, QuinticStiffness
 from models.causes.records import NotSteady
 from models.causes.sensors import SensorDelay
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportFlexibility
