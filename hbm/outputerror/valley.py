@@ -24,7 +24,8 @@ LONG = 3.0
 """A valley is long where one combination of numbers, as factors, is known so many times less well than another one."""
 
 FLAT = 30.0
-"""And flat where a stride along it would raise chi2, to first order, by less than so many times what it is, or the coefficients are."""
+"""And flat where a stride along it would raise chi2, to first order, by less than so many times what it is, or as there
+are coefficients."""
 
 
 def along_valley(e: Evaluation, campaign: Campaign) -> Evaluation:
