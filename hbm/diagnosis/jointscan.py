@@ -6,8 +6,8 @@ scanned. What the records then still miss says how well each law at each place w
 force-state map, fitted by one law after the other.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from typing import Protocol
@@ -37,9 +37,9 @@ HARMONICS, SAMPLES = 9, 128
 MOST, APART = 3, 0.5
 """Starts of a candidate, at most, whose gain is at least this share of its best."""
 
-CLOSELY, ASIDE = 30, 0.25
-"""Shapes that are tried about the best one where it is found closely, for each of its numbers; and its first stride, in
-logarithms."""
+FOREMOST, CLOSELY, ASIDE = 6, 20, 0.25
+"""Candidates whose shape is found closely; shapes that are tried about the best one, for each of its numbers; and the
+first stride, in logarithms."""
 
 TELLING = 1e-9
 """A column of which calibration leaves less than this share of the largest says nothing."""
@@ -49,7 +49,8 @@ TELLING = 1e-9
 class Scanned:
     """A candidate: the fall of chi2 by it, in all and signed by its first strength, its direction, and its starts.
 
-    `reach` is the largest motion where it acts [m], `deviation` what the base misses, rms, in standard deviations.
+    `reach` is the largest motion where it acts [m], `deviation` what the base misses, rms, in standard deviations;
+    `shape` is what shapes the first start, in units of the motion.
     """
 
     cause: AddedJoint
@@ -59,6 +60,7 @@ class Scanned:
     starts: tuple[dict[str, float], ...]
     reach: float = 0.0
     deviation: float = 0.0
+    shape: Mapping[str, float] = field(default_factory=dict)
 
 
 def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint], *, large: bool = False) -> Iterator[Scanned]:
@@ -142,9 +144,9 @@ def scanned(
         if (way := c.way(pair))
     ]
     found = [place.scanned(c, way, beside) for place, c, way, beside in offered]
-    best = max((f.drop for f in found), default=0.0)
+    least = sorted((f.drop for f in found), reverse=True)[:FOREMOST][-1:] if exact else []
     for f, (place, c, way, beside) in zip(found, offered, strict=True):
-        yield place.closer(f, c, way, beside) if exact and f.drop >= APART * best > 0.0 else f
+        yield place.closer(f, c, way, beside) if least and f.drop >= least[0] else f
 
 
 class Columns(Protocol):
@@ -244,27 +246,25 @@ class _Place:
 
     def scanned(self, cause: AddedJoint, way: float, beside: "Sequence[_Place]") -> Scanned:
         """A candidate here, which sees the motion with a sign, and acts at other places too."""
-        tried = [self._tried(cause, way, shape, beside) for shape in _shapes(cause)]
-        best = sorted(tried, key=lambda t: -t.drop)
+        tried = [(shape, self._tried(cause, way, shape, beside)) for shape in _shapes(cause)]
+        shapes, best = zip(*sorted(tried, key=lambda t: -t[1].drop), strict=True)
         starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
-        return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts, self.reach, self.deviation)
+        first = best[0]
+        return Scanned(cause, first.drop, first.z, first.signature, starts, self.reach, self.deviation, shapes[0])
 
     def closer(self, found: Scanned, cause: AddedJoint, way: float, beside: "Sequence[_Place]") -> Scanned:
         """The same with the shape that explains most, from the best that was tried."""
-        shapes = _shapes(cause)
-        names = list(shapes[0])
-        if not names:
+        names, values = list(found.shape), np.array(list(found.shape.values()))
+        if not names or not values.all():
             return found
-        best = max(shapes, key=lambda shape: self._tried(cause, way, shape, beside).drop)
-        signs = np.sign([best[name] for name in names])
 
         def shape(x: Array) -> dict[str, float]:
-            return dict(zip(names, (signs * np.exp(x)).tolist(), strict=True))
+            return dict(zip(names, (np.sign(values) * np.exp(x)).tolist(), strict=True))
 
         def left(x: Array) -> float:
             return -self._tried(cause, way, shape(x), beside).drop
 
-        start = np.log(np.abs([best[name] for name in names]))
+        start = np.log(np.abs(values))
         corners = np.vstack([start, start + ASIDE * np.eye(len(names))])
         options = {"initial_simplex": corners, "maxfev": CLOSELY * len(names), "xatol": ASIDE / 100.0, "fatol": 1.0}
         there = self._tried(cause, way, shape(minimize(left, start, method="Nelder-Mead", options=options).x), beside)
