@@ -23,44 +23,41 @@ HARMONICS, SAMPLES = 9, 128
 """On which forces of laws are worked out, at least."""
 
 
-def joints_between(rig: JointedRig, ends: Sequence[Ends]) -> Iterator[tuple[int, int, float]]:
-    """Which of some ends have a joint of one port between them already, at which port, and which way round."""
+def joints_between(rig: JointedRig, ends: Sequence[Ends]) -> Iterator[tuple[int, Joint, int, float]]:
+    """Which of some ends have a joint of one port between them already, that, its port, and which way round."""
     port = 0
     for joint in rig.joints:
         for i, pair in enumerate(ends if joint.law.ports == 1 and not joint.loaded_by else ()):
             if joint.ends[0] in (pair, turned(pair)):
-                yield i, port, 1.0 if joint.ends[0] == pair else -1.0
+                yield i, joint, port, 1.0 if joint.ends[0] == pair else -1.0
         port += joint.law.ports
 
 
-def missing_at(rig: JointedRig, data: Measurement, record: Record, port: int) -> tuple[Array, Array, Complex]:
+def missing_at(
+    rig: JointedRig, data: Measurement, record: Record, joint: Joint, port: int
+) -> tuple[Array, Array, Complex]:
     """What a record misses beside the law at a port, the forces at the others free; what a force there does; motion.
 
     Returns
     -------
     (2, c, H) array
         Real and imaginary parts, in standard deviations.
-    (2, c, H, 2 H) array
+    (2, c, H, 1, 2 H) array
         By cosines, then sines of a force at the port.
-    (H,) complex array
+    (1, H) complex array
         Amplitudes of the motion at the port.
     """
     H, s = data.H, rig.at_record(record.number).structure
     found = list(lines(rig, data, record))
     motion = np.array([_motion(line, s, port) if line.read.any() else 0.0 for line in found], dtype=complex)
-    law = _force(_joint_of(rig, port), motion, 2 * np.pi * record.hz)
+    law = _force(joint, motion, 2 * np.pi * record.hz)
     missed = np.zeros((len(data.channels), H), dtype=complex)
-    columns = np.zeros((len(data.channels), H, 2 * H), dtype=complex)
+    columns = np.zeros((len(data.channels), H, 1, 2 * H), dtype=complex)
     for k, line in enumerate(found):
         others, own = np.delete(line.by_joints, port, axis=1), line.by_joints[:, port]
         missed[:, k], seen = across(others, line.missed - own * law[k], own)
-        columns[:, k, k], columns[:, k, H + k] = seen, -1j * seen
-    return np.array([missed.real, missed.imag]), np.array([columns.real, columns.imag]), motion
-
-
-def _joint_of(rig: JointedRig, port: int) -> Joint:
-    ports = np.cumsum([j.law.ports for j in rig.joints])
-    return rig.joints[int(np.searchsorted(ports, port, side="right"))]
+        columns[:, k, 0, k], columns[:, k, 0, H + k] = seen, -1j * seen
+    return np.array([missed.real, missed.imag]), np.array([columns.real, columns.imag]), motion[None]
 
 
 def _motion(line: Line, s: JointedStructure, port: int) -> complex:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.diagnosis.atjoints import SAMPLES
 from hbm.diagnosis.discrepancy import LEFT_OVER
 from hbm.diagnosis.forcedrecords import WhiteRecord, read_by
-from hbm.diagnosis.jointscan import SAMPLES
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array, sampled

@@ -8,7 +8,6 @@ force-state map, fitted by one law after the other.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from typing import Protocol
 
@@ -16,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from hbm.aft.joint import JointOverPeriod
-from hbm.diagnosis.atjoints import joints_between, missing_at
+from hbm.diagnosis.atjoints import HARMONICS, SAMPLES, joints_between, missing_at
 from hbm.diagnosis.forcedrecords import WhiteRecord, read_by
 from hbm.diagnosis.freeforces import EndsOfRig
 from hbm.diagnosis.jointplaces import JointPlace
@@ -30,9 +29,6 @@ from hbm.sensitivity.jointforces import Ends, pushed
 from models.causes.addedjoint import AddedJoint, ends_of
 from models.jointed import JointedRig
 from models.joints.joint import GROUND
-
-HARMONICS, SAMPLES = 9, 128
-"""On which forces of laws are worked out, at least."""
 
 MOST, APART = 3, 0.5
 """Starts of a candidate, at most, whose gain is at least this share of its best."""
@@ -83,11 +79,13 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint], *, large
         return
     ends = tried_ends(rig, causes)
     free = EndsOfRig(rig, few.data, ends) if large else None
-    of_model = partial(_pushed, base, few, rig, ends)
     by_joints = free is not None and free.told_by_joints(base.white.chi2 / len(base.white))
-    made = of_model if free is None or by_joints or not free.told else partial(_free, free, base)
+    told = free if free is not None and not by_joints and free.told else None
+    pushed_there = [
+        _pushed(base, few, rig, ends, r) if told is None else _linear(base, r, *told.of_record(r)) for r in records
+    ]
     own = dict(_at_joints(base, records, rig, few, ends, causes)) if by_joints else {}
-    for found in scanned(base, [made(r) for r in records], ends, causes, exact=made is not of_model):
+    for found in scanned(base, pushed_there, ends, causes, exact=told is not None):
         yield own.get(found.cause, found)
 
 
@@ -100,23 +98,14 @@ def _at_joints(
     causes: Sequence[AddedJoint],
 ) -> Iterator[tuple[AddedJoint, Scanned]]:
     """Candidates where the rig has a joint already, beside its law: at any size of the misfit."""
-    for i, port, way in joints_between(rig, ends):
-        beside = [_beside_law(base, r, *missing_at(rig, few.data, r, port), way) for r in records]
+    for i, joint, port, way in joints_between(rig, ends):
+        beside = [_linear(base, r, *missing_at(rig, few.data, r, joint, port), way) for r in records]
         missed = sum(float(r.residual @ r.residual) for r in beside)
         # as a share of what the base leaves, to be compared with what laws elsewhere promise of that
         share = base.white.chi2 / max(missed, np.finfo(float).tiny)
         there = [c for c in causes if c.way(ends[i]) and not c.beside(rig)]
         for found in scanned(base, beside, [ends[i]], there, exact=True):
             yield found.cause, replace(found, drop=share * found.drop, z=float(np.sqrt(share)) * found.z)
-
-
-def _beside_law(
-    base: Evaluation, record: Record, missed: Array, columns: Array, motion: Complex, way: float
-) -> "PushedRecord":
-    listed, omega = record.listed, 2 * np.pi * record.hz
-    residual, size = missed[listed], np.array([np.abs(motion).sum()])
-    none = np.zeros((len(residual), len(base.x)))
-    return PushedRecord(residual, none, [way * columns[listed]], way * motion[None], size, omega, omega)
 
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
@@ -192,13 +181,14 @@ class PushedRecord:
         return np.asarray(self.columns[i] @ np.concatenate([amplitudes.real, -amplitudes.imag]))
 
 
-def _free(free: EndsOfRig, base: Evaluation, record: Record) -> PushedRecord:
-    """A record of which a force at one place explains nearly all, beside the linear structure: at any size of it."""
-    missed, columns, motion = free.of_record(record)
+def _linear(
+    base: Evaluation, record: Record, missed: Array, columns: Array, motion: Complex, way: float = 1.0
+) -> PushedRecord:
+    """A record beside the linear structure, at any size of its misfit; places are turned round where `way` is -1."""
     listed, omega = record.listed, 2 * np.pi * record.hz
     residual, largest = missed[listed], np.abs(motion).sum(axis=1)
-    by_place = list(np.moveaxis(columns[listed], 1, 0))
-    return PushedRecord(residual, np.zeros((len(residual), len(base.x))), by_place, motion, largest, omega, omega)
+    by_place = list(np.moveaxis(way * columns[listed], 1, 0))
+    return PushedRecord(residual, np.zeros((len(residual), len(base.x))), by_place, way * motion, largest, omega, omega)
 
 
 def _pushed(base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends], record: Record) -> PushedRecord:

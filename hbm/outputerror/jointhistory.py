@@ -19,7 +19,7 @@ from models.joints.law import numbers
 from models.joints.rubbing import Friction
 
 LOSSLESS = 1e-9
-"""Of the largest loop that force and motion could close, the loss of a joint that sticks."""
+"""Of the largest loop that force and motion could close, the loss of a contact or a joint that sticks."""
 
 
 def history_of_joints(here: JointLinearization, solution: PeriodicSolution, data: Measurement) -> Array | None:
@@ -75,4 +75,9 @@ def _sticks(rig: JointedRig, solution: PeriodicSolution, port: int) -> bool:
     basis = solution.basis
     rate = basis.samples(basis.derivative(motion.coefficients))
     lost = 2.0 * np.pi * float(np.mean(basis.samples(force.coefficients) * rate))
-    return abs(lost) <= LOSSLESS * float(np.ptp(force.samples) * np.ptp(motion.samples))
+    return lossless(lost, force.samples, motion.samples)
+
+
+def lossless(lost: float, force: Array, motion: Array) -> bool:
+    """Whether a loop of samples loses nothing: what rubs there never slips."""
+    return abs(lost) <= LOSSLESS * float(np.ptp(force) * np.ptp(motion))

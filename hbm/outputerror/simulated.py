@@ -10,7 +10,7 @@ from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
-from hbm.outputerror.jointhistory import history_of_joints
+from hbm.outputerror.jointhistory import history_of_joints, lossless
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record, start_on
 from hbm.outputerror.transients import transients
@@ -30,10 +30,6 @@ States = Mapping[int, State]
 
 NEWTON = 15
 """Iterations from the last steady state, and from the reconstruction where those did not get there."""
-
-
-LOSSLESS = 1e-9
-"""Of the largest loop that friction and slip could close, the loss of a contact that sticks."""
 
 
 FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError)
@@ -152,8 +148,7 @@ def simulated(
 
 def sticks(solution: PeriodicSolution) -> bool:
     """Whether the contact never slips: then what it was through before decides its mean friction."""
-    T, slip = solution["friction"].samples, solution["slip"].samples
-    return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
+    return lossless(solution.friction_loss, solution["friction"].samples, solution["slip"].samples)
 
 
 def spare_friction(rig: AnyRig, solution: PeriodicSolution) -> float:

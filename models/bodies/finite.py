@@ -137,9 +137,8 @@ class FiniteBeam(Elastic):
     def everywhere(self, names: Sequence[str], places: Sequence[str]) -> tuple[Array, Array]:
         """Rows (f, n) of names in the modes with places, and their flexibility (f, p) to these."""
         here, there, f = self.ported(places, Damping()), self.ported([*names, *places], Damping()), len(names)
-        turned = np.where(
-            np.sum(here.rows * there.rows[f:], axis=0) < 0.0, -1.0, 1.0
-        )  # modes have no sign of their own
+        alike = np.sum(here.rows * there.rows[f:], axis=0)
+        turned = np.where(alike < 0.0, -1.0, 1.0)  # modes have no sign of their own
         return there.rows[:f] * turned, there.flexibility[:f, f:]
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":
