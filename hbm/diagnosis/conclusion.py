@@ -8,15 +8,15 @@ import numpy as np
 
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing, rivals
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import DECISIVE, TIED, Decision, contenders, inclusion, tied
+from hbm.diagnosis.decide import DECISIVE, TIED, Decision, contenders, inclusion, seconded, tied
 from hbm.diagnosis.deviations import deviations, matters
-from hbm.diagnosis.estimates import estimates, name_of, ranked, told_of
+from hbm.diagnosis.estimates import beside_it, estimates, name_of, ranked, told_of
 from hbm.diagnosis.evidence import Evidence
 from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_background_of, rig_freed
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
-from hbm.diagnosis.predict import Predicted, pays_unseen, predicted
-from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder, tells
+from hbm.diagnosis.predict import SAYS_NOTHING, WORSE, Predicted, foretells, pays_unseen, predicted
+from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder, tells, within_noise
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.standing import NEARLY, NEXT_TO_ALL
@@ -36,28 +36,11 @@ MAIN, NOTABLE = 0.5, 0.005
 """Share of the misfit of the rig file, on records held out too, that a main cause explains; and how large that misfit
 is, relative to the response, where a cause is named that leaves more than noise."""
 
-WORSE = 1.05
-"""So many times what calibration leaves of the records a cause that leaves more than noise may leave, at most."""
-
 BETTER = 0.5
 """Another cause foretells records held out much better where it leaves less than this share of the error."""
 
-SAYS_NOTHING = 0.3
-"""Records that a model misses by this share of the response, or of what was missed before if that was more, agree with
-nothing, whatever their noise; unless it takes next to all of the misfit fitted, and nearly all of that held out."""
-
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
-
-
-def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
-    """Whether the error on records held out, nothing fitted to them, is no larger than that of calibration.
-
-    Nor so large that it says nothing: transients take the place of whatever moves the modes alone, in each record anew.
-    """
-    if scored is None or calibrated is None:
-        return True
-    return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
 
 
 class Conclusion:
@@ -129,7 +112,7 @@ class Conclusion:
         """Verdict, and all that supports it."""
         verdict = self.verdict
         best = self.decision.best if verdict in NAMED else None
-        ties = self._ties(best) if best is not None else []
+        ties, seconds = ([], []) if best is None else self._ties(best)
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
@@ -137,11 +120,12 @@ class Conclusion:
             confidence=self._confidence(verdict, best),
             not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
+            seconds=tuple(map(beside_it, seconds)),
             remainder=self._remainder(best),
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=(*self._evidence.lines(verdict, best), *self._to_hold_out(best)),
+            evidence=(*self._evidence.lines(verdict, best, seconds), *self._to_hold_out(best)),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
@@ -152,11 +136,14 @@ class Conclusion:
             tried=self.decision.fits,
         )
 
-    def _ties(self, best: Evaluation) -> list[Evaluation]:
-        """Fits of another cause that cannot be told from the best one, beside whatever background there may be."""
+    def _ties(self, best: Evaluation) -> tuple[list[Evaluation], list[Evaluation]]:
+        """Fits of another cause that cannot be told from the best one, beside whatever background there may be.
+
+        And of two causes those with another second one.
+        """
         fits = [e if e.missing else beside(e, self._beside) for e in self.decision.fits]
-        first = best.model.causes[0]
-        return [e for e in tied(fits, beside(best, self._beside)) if e.model.causes[0] != first]
+        ties, first = tied(fits, beside(best, self._beside)), best.model.causes[0]
+        return [e for e in ties if e.model.causes[0] != first], [e for e in ties if seconded(best, e)]
 
     @cached_property
     def _beside(self) -> Campaign:
@@ -193,7 +180,14 @@ class Conclusion:
             del shares["held_out"]
         told = () if best is None or self._varying is None else (self._varying.sentence,)
         left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
-        return replace(left, untested=untested, missed=self._missed(plain) if best is None else 0.0)
+        missed = self._missed(plain) if best is None else 0.0
+        return replace(left, untested=untested, missed=missed, uncertain=self._uncertain(best or plain))
+
+    def _uncertain(self, e: Evaluation) -> float:
+        """Noise variances of the records held out, where only how uncertain its numbers are makes noise of these."""
+        scored = self._scored(e)
+        alone = scored is not None and scored.misfit.fits and not within_noise(scored.evaluation.white)
+        return scored.errors.chi2_reduced if scored is not None and alone else 0.0
 
     def _missed(self, e: Evaluation) -> float:
         """Error of the records held out, where these are not noise although those fitted are; else 0."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.diagnosis.decide import Decision, evidence, inside
+from hbm.diagnosis.decide import Decision, evidence, inside, seconded
 from hbm.diagnosis.search import Search
 from hbm.outputerror.background import weights
 from hbm.outputerror.evaluation import Evaluation
@@ -26,8 +26,12 @@ were counted."""
 
 
 def rivals(decision: Decision, best: Evaluation) -> list[Evaluation]:
-    """Models that a repetition may decide for in place of the best; what contains that would have to be decisive."""
-    return [decision.base, *(e for e in decision.fits if not inside(e, [best]))]
+    """Models that a repetition may decide for in place of the best; what contains that would have to be decisive.
+
+    Of two causes the first gives the name: with another second one it is the same.
+    """
+    others = [e for e in decision.fits if e is best or not seconded(best, e)]
+    return [decision.base, *(e for e in others if not inside(e, [best]))]
 
 
 def nothing_missing(search: Search, decision: Decision) -> float:

@@ -159,6 +159,12 @@ def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
     return next((e for e in inside(best, fits) if e.bic - best.bic < DECISIVE), best)
 
 
+def seconded(best: Evaluation, e: Evaluation) -> bool:
+    """Whether of two models with two causes each the first cause is the same, and the second another."""
+    mine, other = best.model.causes, e.model.causes
+    return len(mine) == len(other) == 2 and mine[0] == other[0] and mine[1] != other[1]
+
+
 def adds_to(best: Evaluation, e: Evaluation) -> bool:
     """Whether the causes of one fit, or richer ones that contain them, are those of another or stand beside more."""
     named, causes = best.model.causes, e.model.causes

@@ -137,6 +137,11 @@ class Discrepancy:
         return self.known is not None and not self.two and self.known.left - 1.0 < LEFT * (self.places[0].left - 1.0)
 
     @property
+    def left(self) -> float:
+        """Noise variances that are left by what is told: forces at the joints where these alone do, else the best."""
+        return self.known.left if self.own and self.known is not None else self.best.left
+
+    @property
     def contact(self) -> MissingForce | None:
         """The force at the contact alone, of a rig that has one."""
         return next((p for p in self.places if p.place.name == CONTACT), None)
@@ -233,7 +238,7 @@ def best_placed(
     if nominal is None or not found.explainable or found.placed:
         return found
     before = discrepancy(nominal, campaign, executor)
-    return before if ALIKE * before.best.left < found.best.left else found
+    return before if ALIKE * before.left < found.left else found
 
 
 def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = None) -> Discrepancy:

@@ -28,6 +28,12 @@ def told_of(e: Evaluation) -> str:
     return cause.label if isinstance(cause, AddedJoint | OtherFriction) else name_of(e)
 
 
+def beside_it(e: Evaluation, i: int = 1) -> str:
+    """A cause beside the first one, with its numbers."""
+    said = ", ".join(f"{name} = {value:.4g}" for name, value in e.model.values(e.x, i).items())
+    return f"{e.model.causes[i].label}{f' ({said})' if said else ''}"
+
+
 def estimates(e: Evaluation, std: Array | None = None) -> dict[str, Estimate]:
     """Parameters of the first cause of a fitted model; with standard deviations of its own unless given, (n,)."""
     cause, std = e.model.causes[0], e.std if std is None else std

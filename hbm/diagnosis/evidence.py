@@ -7,7 +7,7 @@ import numpy as np
 
 from hbm.diagnosis.calibrate import moved, off
 from hbm.diagnosis.decide import ALARM, Decision, best_of, sidak
-from hbm.diagnosis.estimates import lifted
+from hbm.diagnosis.estimates import beside_it, lifted
 from hbm.diagnosis.judge import beside_noise
 from hbm.diagnosis.misfit import Misfit, misfit
 from hbm.diagnosis.predict import Predicted
@@ -59,8 +59,8 @@ class Evidence:
     scored: Predicted | None
     within: bool
 
-    def lines(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
-        """All of it; `best` is the model with the cause that is named."""
+    def lines(self, verdict: str, best: Evaluation | None, seconds: Sequence[Evaluation] = ()) -> Iterator[str]:
+        """All of it; `best` is the model with the cause that is named, `seconds` have another one beside that."""
         search = self.search
         held = f", {self.held} held out" if self.held else "; none held out: too few records or levels"
         yield f"{len(search.campaign.numbers)} records with {search.campaign.points} coefficients fitted{held}."
@@ -76,7 +76,7 @@ class Evidence:
             yield from _calibrated(self.plain["calibrated"][0])
         yield from self._scores()
         if best is not None:
-            yield from self._found(best)
+            yield from self._found(best, seconds)
         elif verdict == "unexplained" and self.decision.fits:
             tried = self.decision.fits[0]
             m = misfit(beside_noise(tried, search.campaign), self.noise)
@@ -122,7 +122,7 @@ class Evidence:
         if alike:
             yield f"Looks like {first}: {first_of(alike, MOST_TOLD)}."
 
-    def _found(self, best: Evaluation) -> Iterator[str]:
+    def _found(self, best: Evaluation, seconds: Sequence[Evaluation]) -> Iterator[str]:
         base = self.plain["calibrated" if best.model.calibrated else "nominal"][0]
         bounded = best.model.calibrated and not self.search.tolerable(self.search.calibrated)
         whole = self.search.nominal if bounded else base  # calibration at its bounds is no rig to compare with
@@ -141,9 +141,9 @@ class Evidence:
                 "Size and phase of the transients are free in each record, those held out too; what the records miss "
                 "has no order from one to the next. Hold each frequency longer, measure some again: they then agree."
             )
-        for i, cause in enumerate(best.model.causes[1:], start=1):
-            said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
-            yield f"Beside it: {cause.label}, {said}."
+        yield from (f"Beside it: {beside_it(best, i)}." for i in range(1, len(best.model.causes)))
+        if seconds:
+            yield f"In place of that as good: {' or '.join(map(beside_it, seconds))}."
         same = [e for e in self.search.fitted if bool(e.model.calibrated) == bool(best.model.calibrated)]
         yield from shares_of_two(best, same, base, lambda e: beside_noise(e, self.search.campaign).white)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from hbm.diagnosis.barred import barred
 from hbm.diagnosis.calibrate import tolerable, trusted
-from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
+from hbm.diagnosis.conclusion import MAIN
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, takes_much, tied
 from hbm.diagnosis.deviations import std_of_records
@@ -22,7 +22,7 @@ from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.flooredevidence import floored_evidence, white_beside
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.predict import pays_unseen
+from hbm.diagnosis.predict import SAYS_NOTHING, pays_unseen
 from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, within_noise
 from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
 from hbm.diagnosis.signatures import starting

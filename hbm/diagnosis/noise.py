@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.diagnosis.conclusion import SAYS_NOTHING
 from hbm.diagnosis.judge import widened
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.predict import SAYS_NOTHING
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
 

@@ -20,6 +20,14 @@ FALLING = 0.8
 """while its chi2 falls to less than this share."""
 
 
+WORSE = 1.05
+"""So many times what calibration leaves of the records a cause that leaves more than noise may leave, at most."""
+
+SAYS_NOTHING = 0.3
+"""Records that a model misses by this share of the response, or of what was missed before if that was more, agree with
+nothing, whatever their noise; unless it takes next to all of the misfit fitted, and nearly all of that held out."""
+
+
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """A model on the records held out."""
@@ -44,6 +52,16 @@ def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
         return None
     first = misfit_of_new(there, e.x, e.covariance, hidden)
     return Predicted(there, replace(_within(there, e, first, hidden), nrmse=nrmse(there.white.predicted)))
+
+
+def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
+    """Whether the error on records held out, nothing fitted to them, is no larger than that of calibration.
+
+    Nor so large that it says nothing: transients take the place of whatever moves the modes alone, in each record anew.
+    """
+    if scored is None or calibrated is None:
+        return True
+    return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
 
 
 def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:

@@ -61,6 +61,9 @@ class Remainder:
         Whether records were held out that fit as well without the cause.
     missed : float
         Error of the records held out, relative to their response, where these alone are more than noise; else 0.
+    uncertain : float
+        Noise variances of the records held out where they are noise but for how uncertain the fitted numbers are; else
+        0.
     """
 
     explained: Mapping[str, float]
@@ -71,6 +74,7 @@ class Remainder:
     harmonics: Mapping[int, float] = field(default_factory=dict)
     untested: bool = False
     missed: float = 0.0
+    uncertain: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -82,10 +86,7 @@ class Remainder:
         explained = f"Explained: {told}. " if told else ""
         explained += UNTESTED if self.untested else ""
         if not self.structured:
-            alone = (
-                f" on the records fitted; those held out are missed by {percent(self.missed)}" if self.missed else ""
-            )
-            return f"{explained}What remains is noise{alone}."
+            return f"{explained}What remains is noise{self._held_out}."
         where = f": {'; '.join(self.places)}" if self.places else ""
         if not self.size:
             return f"{explained}What remains is no larger than noise ({self.noise_variances:.3g} {UNLIKE}{where}."
@@ -93,6 +94,18 @@ class Remainder:
             f"{explained}What remains is {percent(self.size)} of the response ({self.noise_variances:.3g} noise "
             f"variances) and more than noise{where}."
         )
+
+    @property
+    def _held_out(self) -> str:
+        """What of the records held out is not noise as it stands, where those fitted are noise."""
+        if self.missed:
+            return f" on the records fitted; those held out are missed by {percent(self.missed)}"
+        if self.uncertain:
+            return (
+                f"; those held out leave {self.uncertain:.3g} noise variances, no more than the fitted numbers are "
+                "uncertain by"
+            )
+        return ""
 
     def json(self) -> dict[str, Any]:
         """As in a diagnosis file."""

@@ -59,21 +59,30 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return []
 
 
-def in_place_of(found: Evaluation, number: WrongParameter, campaign: Campaign) -> Evaluation:
-    """Fit of a wrong number in place of the one that is the only cause of a model and acts alike, from where that is.
+def in_place_of(found: Evaluation, i: int, number: WrongParameter, campaign: Campaign) -> Evaluation:
+    """Fit of a wrong number in place of one that is a cause of a model and acts alike, from where that is.
 
     Raises
     ------
     ConvergenceError, ArithmeticError
         If there is none.
     """
-    model, (blamed,) = replace(found.model, causes=(number,)), found.model.causes
+    causes = found.model.causes
+    model, blamed = replace(found.model, causes=(*causes[:i], number, *causes[i + 1 :])), causes[i]
     assert isinstance(blamed, WrongParameter)
-    known = {at: value for at, value in found.values.items() if at[0] < 0}
-    change = found.values[0, "value"] / found.model.nominal.number(blamed.key)
+    known = {at: value for at, value in found.values.items() if at[0] != i}
+    change = found.values[i, "value"] / found.model.nominal.number(blamed.key)
     now = known.get((-1, number.key), found.model.nominal.number(number.key))
-    starts = [model.at(known | {(0, "value"): now * change**power}) for power in POWERS]
+    starts = [model.at(known | {(i, "value"): now * change**power}) for power in POWERS]
     return _fitted(model, campaign, best_start(model, campaign, starts, found.solutions)[0][1], found.solutions)
+
+
+def moving_alike(found: Evaluation, i: int, least: float) -> set[str]:
+    """Labels of calibrated numbers that move the records as one does that is a cause, by the cosine of derivatives."""
+    J, free = found.white.jacobian, found.model.free
+    directions = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    cosines = np.abs(directions[:, [f.cause for f in free].index(i)] @ directions)
+    return {WrongParameter(f.name).label for f, c in zip(free, cosines, strict=True) if f.cause < 0 and c >= least}
 
 
 def alone(nominal: Evaluation, calibrated: Evaluation, keys: Sequence[str], campaign: Campaign) -> Iterator[Evaluation]:

@@ -33,7 +33,7 @@ from hbm.diagnosis.fullfits import suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import apart, in_place_of, led_to, less_moved, started
+from hbm.diagnosis.restart import apart, in_place_of, led_to, less_moved, moving_alike, started
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
@@ -41,7 +41,6 @@ from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.fit import fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
-from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
 
@@ -106,19 +105,29 @@ class Search(Standing):
             with suppress(*FAILURES):
                 fit = fit_model(model, noise, model.at(best.values | start), best.solutions)
                 again.append(refine(fit, noise))
-        alike = self._alike(causes[0]) if len(causes) == 1 else []
-        for number in (c for c in alike if c.label not in known):
-            with suppress(*FAILURES):
-                again.append(in_place_of(best, number, noise))
+        for i, number in self._alike_in(best):
+            if replace(best.model, causes=(*causes[:i], number, *causes[i + 1 :])).label not in known:
+                with suppress(*FAILURES):
+                    again.append(in_place_of(best, i, number, noise))
         self.fitted += again
         return again
 
-    def _alike(self, cause: Cause) -> list[WrongParameter]:
-        """Other numbers of a rig with one contact that look like a wrong one whatever their size."""
-        if self.identified or not isinstance(cause, WrongParameter):
+    def _alike_in(self, best: Evaluation) -> list[tuple[int, WrongParameter]]:
+        """Numbers that look like wrong ones among its causes whatever their size, by the places of these.
+
+        Single ones of a rig with joints were all fitted side by side.
+        """
+        causes = best.model.causes
+        if self.identified and len(causes) == 1:
             return []
-        alike = self.screenings[0].look_alikes(cause.label, ALIKE)
-        return [c for c in self.candidates if isinstance(c, WrongParameter) and c.label in alike]
+        found = list[tuple[int, WrongParameter]]()
+        for i, cause in enumerate(causes):
+            if isinstance(cause, WrongParameter):
+                by_test = self.screenings[0].look_alikes
+                alike = moving_alike(best, i, ALIKE) if best.model.calibrated else by_test(cause.label, ALIKE)
+                numbers = (c for c in self.candidates if isinstance(c, WrongParameter) and c not in causes)
+                found += [(i, number) for number in numbers if number.label in alike]
+        return found
 
     def _fitted_over(self, model: Model) -> list[Evaluation]:
         """What was fitted over the same rig file as a model: as it is, or calibrated."""

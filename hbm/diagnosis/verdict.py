@@ -92,6 +92,8 @@ class Diagnosis(Displayed):
         Candidates that these records cannot tell from the cause.
     separate_by : str
         The measurement that would; empty where none that was simulated would.
+    seconds : tuple of str
+        Of two causes what these records cannot tell from the second one, with its numbers.
     remainder : Remainder
         The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
@@ -136,6 +138,7 @@ class Diagnosis(Displayed):
     held_campaign: Campaign | None = field(default=None, repr=False)
     tried: tuple[Evaluation, ...] = field(default=(), repr=False)
     noise: str = field(default="noise", repr=False)
+    seconds: tuple[str, ...] = ()
 
     @property
     def floored(self) -> bool:

@@ -171,7 +171,8 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
         found = text(known.get(name, Estimate(value, unit=unknowns[name].unit)))
         numbers.append(f"{name} {found}{_instead_of(unknowns[name].neutral)}")
     told = f" ({', '.join(numbers)})" if numbers else ""
-    return f"{cause.label}{told}: {cause.meaning}"
+    alike = f", which these records cannot tell from {' or '.join(d.seconds)}" if i == 1 and d.seconds else ""
+    return f"{cause.label}{told}{alike}: {cause.meaning}"
 
 
 def _ties(d: Diagnosis) -> str:

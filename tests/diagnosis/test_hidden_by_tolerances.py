@@ -23,6 +23,7 @@ from models.causes.cause import candidates_of
 from models.causes.clamp import ClampFriction
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorGain
 from models.causes.structure import AddedMass, ClampRotation
 from tests.hbm.rigs import beam
 
@@ -140,7 +141,7 @@ def test_what_a_background_may_hide_is_not_told_apart():
     ties = {}
     for size in (0.0, 0.1):
         conclusion.__dict__["_beside"] = replace(conclusion.campaign, background=dict.fromkeys(range(1, 6), size))
-        ties[size] = [e.model.label for e in conclusion._ties(best)]
+        ties[size] = [e.model.label for e in conclusion._ties(best)[0]]
     assert ties == {0.0: [], 0.1: ["viscous-contact"]}
     # the same cause beside another small one is not another cause
     pairs = [best.model.extended_by(c) for c in (WrongParameter("contact.radius"), WrongParameter(E))]
@@ -148,7 +149,8 @@ def test_what_a_background_may_hide_is_not_told_apart():
     conclusion.decision = replace(conclusion.decision, fits=(one, other))
     fits = [beside(e, conclusion._beside) for e in (one, other)]
     assert [e.model.label for e in tied(fits, fits[0])] == [other.model.label]
-    assert conclusion._ties(one) == []
+    ties = conclusion._ties(one)
+    assert [[e.model.label for e in part] for part in ties] == [[], [other.model.label]]
 
 
 def test_a_number_is_tried_where_one_that_acts_alike_was_found():
@@ -159,10 +161,18 @@ def test_a_number_is_tried_where_one_that_acts_alike_was_found():
     search.over(search.first)
     model = search.trust.extended_by(numbers[1])
     found = fit_model(model, search.campaign, starting(model, search.calibrated, {}), search.calibrated.solutions)
-    assert {c.key for c in search._alike(numbers[1])} == {E}
+    assert search._alike_in(found) == [(0, WrongParameter(E))]
     (modulus,) = search._held_in(found, (found,))
     assert modulus.values[0, "value"] == pytest.approx(1.035 * rig.body.youngs_modulus, rel=1e-3)
     assert misfit(modulus, search.campaign).fits and evidence(modulus) < evidence(found)
+    # beside another cause too, of two
+    gain = search.nominal.model.extended_by(SensorGain("a1"))
+    two = gain.extended_by(numbers[1])
+    stands = two.at({(0, "gain"): 1.001, (1, "value"): rig.body.density / 1.035})
+    pair = evaluate(two, search.campaign, stands, search.calibrated.solutions)
+    (again,) = search._held_in(pair, (pair,))
+    assert again.model.causes == (SensorGain("a1"), WrongParameter(E)) and again.chi2 < pair.chi2
+    assert again.values[1, "value"] == pytest.approx(1.035 * rig.body.youngs_modulus, rel=1e-3)
 
 
 def test_a_damping_may_be_wrong_by_a_factor_of_a_hundred():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.discrepancy import Discrepancy, Known
+from hbm.diagnosis.discrepancy import Discrepancy, Known, best_placed
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.remainder import Remainder
 from hbm.diagnosis.verdict import Diagnosis, Errors
@@ -126,6 +126,19 @@ def test_joints_whose_forces_explain_all_are_blamed_and_no_place_beside_them() -
         "With unknown forces at the joints pad and stop, all together, 1.07 noise variances are left: "
         "what is wrong may be there."
     )
+
+
+def test_of_the_calibrated_rig_file_and_that_as_it_is_the_one_is_told_that_leaves_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the joints alone do, what they leave counts: calibration may leave less of places beside them."""
+    own = found(1001.0, {"78.y": 300.0}, {"237.x": 1.1}, joints=1.07)
+    beside = found(1001.0, {"78.y": 300.0}, {"237.x": 3.1}, joints=801.0)
+    assert (own.left, beside.left) == (1.07, 3.1)
+    told = {"calibrated": beside, "nominal": own}
+    monkeypatch.setattr("hbm.diagnosis.discrepancy.discrepancy", lambda e, campaign, executor: told[e])
+    assert best_placed("calibrated", "nominal", None) is own  # type: ignore[arg-type]
+    assert best_placed("nominal", "calibrated", None) is own  # type: ignore[arg-type]
 
 
 def test_a_contact_that_leaves_a_little_more_than_noise_is_not_blamed_for_what_acts_beside_it() -> None:

@@ -179,6 +179,24 @@ def test_what_shows_in_the_records_held_out_alone_is_told(
     assert told == f"What remains is noise{others}."
 
 
+@pytest.mark.parametrize(("fits", "variances", "told"), [(True, 7.2, 7.2), (True, 1.0, 0.0), (False, 7.2, 0.0)])
+def test_what_uncertain_numbers_take_of_the_records_held_out_is_told(
+    noise, campaign, fits: bool, variances: float, told: float
+):
+    """Of the mean square alone they are no noise; that the numbers could be others makes it so."""
+    white = replace(noise, residual=noise.residual * np.sqrt(variances))
+    scored = SimpleNamespace(
+        misfit=SimpleNamespace(fits=fits),
+        errors=SimpleNamespace(chi2_reduced=variances),
+        evaluation=SimpleNamespace(white=white),
+    )
+    left = Conclusion._uncertain(SimpleNamespace(_scored=lambda e: scored), None)
+    assert left == told
+    said = replace(remainder(noise, campaign, False, {}), uncertain=left).sentence
+    rest = "; those held out leave 7.2 noise variances, no more than the fitted numbers are uncertain by"
+    assert said == f"What remains is noise{rest if told else ''}."
+
+
 def test_freedom_of_transients_is_charged_for(noise):
     """What transients explain that are free in each record costs what their freedom does."""
     before = missing(noise, noise.harmonic == 1, 0.1)
@@ -224,6 +242,8 @@ def test_what_contains_the_best_cause_is_no_rival_of_it():
     decision = Decision(base, elastic, (slipping, pair, elastic, mass))
     assert rivals(decision, elastic) == [base, elastic, mass]
     assert rivals(decision, slipping) == [base, slipping, pair, elastic, mass]
+    other = fit(981.0, 3, AddedMass(), AddedSpring())  # of two the first gives the name
+    assert rivals(Decision(base, pair, (pair, other, mass)), pair) == [base, pair, mass]
 
 
 def judged(

@@ -495,7 +495,7 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     fits = (best, *(SimpleNamespace(model=SimpleNamespace(label=label)) for label in tried))
     search: Any = SimpleNamespace(
         identified=False, candidates=(stop, spring, ClampRotation()), campaign=Campaign(None, None),  # type: ignore[arg-type]
-        fitted=[], tried=1, _alike=lambda cause: [], _decided=lambda base, fits, tried: (base, fits),
+        fitted=[], tried=1, _alike_in=lambda best: [], _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
     search._held_in = partial(Search._held_in, search)
     found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
@@ -521,7 +521,7 @@ def test_what_one_of_two_causes_contains_is_fitted_in_its_place(monkeypatch: pyt
     monkeypatch.setattr("hbm.diagnosis.search.refine", lambda e, campaign: e)
     search: Any = SimpleNamespace(
         candidates=(backlash, damper, friction, CubicStiffness("tip")), campaign=Campaign(None, None),  # type: ignore[arg-type]
-        fitted=[],
+        fitted=[], _alike_in=lambda best: [],
     )  # fmt: skip
     again = Search._held_in(search, best, [best])
     (told,) = starts
