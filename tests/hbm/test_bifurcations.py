@@ -246,7 +246,7 @@ def test_bifurcations_do_not_depend_on_the_window() -> None:
     At 47.59 Hz a kink turns the curve back by 1.3 mHz, which some sweeps step over and some do not: it is in none.
     """
     lists, kinks = [], []
-    for window in ((40.0, 65.0), (65.0, 40.0), (45.0, 60.0), (56.0, 46.5), (47.5, 52.5), (52.6, 44.0)):
+    for window in ((40.0, 65.0), (65.0, 40.0), (45.0, 60.0), (47.5, 52.5)):
         curve = with_stability(trace_frequency(paper_rig(), window, harmonics=19, samples=256))
         assert curve.stable is not None
         assert curve.doubtful is not None
