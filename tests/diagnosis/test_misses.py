@@ -21,10 +21,10 @@ from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
 
-CAUSES = (AddedMass, AddedSpring, ClampRotation, SupportRotationSpring, WrongParameter)
-CLAMPS = (ClampRotation, ClampFriction)
 E = "beam.youngs_modulus"
 NUMBERS = tuple(WrongParameter(key) for key in (E, "beam.density", "beam.thickness", "contact.radius"))
+CAUSES = (AddedMass, AddedSpring, ClampRotation, SupportRotationSpring, *NUMBERS)
+CLAMPS = (ClampRotation, ClampFriction)
 pytestmark = pytest.mark.slow
 
 
