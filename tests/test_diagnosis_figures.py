@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.discrepancy import Discrepancy, Known
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.verdict import Errors
 from hbm.figures.compared import MODELS, Compared, clearest
@@ -117,14 +117,15 @@ def test_powers_of_a_ranking_do_not_touch() -> None:
     assert not overlapping(left.get_xticklabels())
 
 
-def missing_forces(*shares: float) -> AxesArray:
+def missing_forces(*shares: float, known: Known | None = None) -> AxesArray:
     """Figure of a missing force in two records of 5 N and two of 2 N, with places that explain some shares."""
     place = SimpleNamespace(name="m2 to m3", kind="force", unit="N", against="m")
     force = np.array([[1.0 + 1.0j, 0.0, 30.0 + 20.0j]] * 4)
     sizes = 0.01 * np.ones((4, 3)), 1e-4 * np.ones((4, 3)) + 0j, np.zeros(4), np.full(4, 16.0)
     missing = (MissingForce(place, share, 10.0, 1e4 * (1 - share), 6, force, *sizes) for share in shares)
     levels = np.array([5.0, 2.0, 5.0, 2.0])
-    axes = plot_missing_force(Discrepancy(np.arange(4), levels, np.full(4, 16.0), 1e4, 100, tuple(missing)))
+    hz = np.full(4, 16.0)
+    axes = plot_missing_force(Discrepancy(np.arange(4), levels, hz, 1e4, 100, tuple(missing), known=known))
     axes[0].figure.canvas.draw()
     return axes
 
@@ -155,6 +156,18 @@ def test_a_share_that_all_places_explain_alike_is_left_out() -> None:
     assert [text.get_text() for text in alike.texts] == ["2", "3"]
     apart, _, _ = missing_forces(0.9998, 0.5)
     assert [text.get_text() for text in apart.texts] == ["2  (explains 100 %)", "5e+03  (explains 50 %)"]
+
+
+def test_joints_whose_forces_do_it_alone_stand_above_the_places() -> None:
+    """The place whose harmonics are drawn keeps its colour."""
+    places, _, _ = missing_forces(0.8, 0.5, known=Known("the joints pad and stop", True, 0.9999, 94.0, 1.0, 6))
+    assert [t.get_text() for t in places.get_yticklabels()] == ["the joints pad and stop", *["m2 to m3"] * 2]
+    assert places.texts[0].get_text() == "1  (explains 100 %)"
+    colors = [bar.get_facecolor() for bar in places.patches]
+    assert colors[0] == colors[2] != colors[1]
+    much = Known("the joints pad and stop", True, 0.2, 8e3, 5e4, 6)  # they leave more than a place does
+    places, _, _ = missing_forces(0.8, 0.5, known=much)
+    assert [t.get_text() for t in places.get_yticklabels()] == ["m2 to m3"] * 2
 
 
 @pytest.mark.parametrize(("count", "labels"), [(6, 6), (10, 10), (21, 7)])

@@ -15,7 +15,7 @@ from hbm.figures.units import prefixed
 from hbm.measurement.groups import levels
 
 if TYPE_CHECKING:
-    from hbm.diagnosis.discrepancy import Discrepancy
+    from hbm.diagnosis.discrepancy import Discrepancy, Known
     from hbm.diagnosis.missingforce import MissingForce
 
 
@@ -36,8 +36,9 @@ def plot_missing_force(d: "Discrepancy", axes: AxesArray | None = None) -> AxesA
     (3,) array of Axes
     """
     shown = d.ranked[:MOST_PLACES]
-    found = panels(_wide_above_two(len(shown)) if axes is None else axes, 3, 1, 0.0).ravel()
-    _draw_places(found[0], shown, d.chi2 / d.points)
+    found = panels(_wide_above_two(len(shown) + d.own) if axes is None else axes, 3, 1, 0.0).ravel()
+    joints = [(d.known.at, d.known)] if d.own and d.known is not None else []
+    _draw_places(found[0], [*joints, *((p.place.name, p) for p in shown)], len(joints), d.chi2 / d.points)
     _draw_harmonics(found[1], d.best)
     _draw_growth(found[2], d)
     return found
@@ -54,25 +55,28 @@ def _wide_above_two(places: int) -> AxesArray:
     return np.array([figure.add_subplot(place) for place in (grid[0], below[0], below[1])])
 
 
-def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> None:
+def _draw_places(ax: Axes, rows: Sequence[tuple[str, "MissingForce | Known"]], best: int, before: float) -> None:
+    """Bars of what forces leave, by name; of the best place harmonics and growth are drawn beside."""
+    names, places = zip(*rows, strict=True)
     y, left = np.arange(len(places)), np.array([p.left for p in places])
     low = 0.7 * min(1.0, float(left.min()))
     bars = ax.barh(y, left - low, left=low, height=0.62, color="0.78")
-    bars[0].set_color(COLORS["extended"])
-    ax.bar_label(bars, _numbers(places), padding=3, fontsize=SMALL, color=INK)
+    bars[best].set_color(COLORS["extended"])
+    plain = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}  # grey lines end beside the numbers
+    ax.bar_label(bars, _numbers(places), padding=3, fontsize=SMALL, color=INK, bbox=plain)
     logarithmic(ax.xaxis)
     top = max(before, float(left.max()))
     ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
     for value in (1.0, before):
         ax.axvline(value, color=FAINT, linewidth=0.9, zorder=0)
-    ax.set_yticks(y, [as_written(p.place.name) for p in places])
+    ax.set_yticks(y, [as_written(name) for name in names])
     ax.invert_yaxis()
     dressed(ax, "Misfit left [noise variances]; grey lines: noise alone, no force at all", "")
     ax.tick_params(axis="y", length=0)
 
 
-def _numbers(places: Sequence["MissingForce"]) -> list[str]:
-    """What each place leaves and, unless that is the same of all, the share that it explains."""
+def _numbers(places: Sequence["MissingForce | Known"]) -> list[str]:
+    """What each leaves and, unless that is the same of all, the share that it explains."""
     left, explained = [f"{p.left:.3g}" for p in places], [f"{100 * p.share:.3g}" for p in places]
     if len(set(explained)) == 1:
         return left
