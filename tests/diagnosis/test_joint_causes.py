@@ -476,7 +476,7 @@ def shaken() -> tuple[JointedRig, MeasuredSpectra]:
 
 def test_the_force_per_unit_of_a_level_is_calibrated() -> None:
     rig, seen = shaken()
-    d = diagnose(rig, seen)
+    d = diagnose(rig, seen, causes=RIVALS)
     assert d.verdict == "consistent" and d.calibrated is not None
     assert d.errors["calibrated"]["held_out"].chi2_reduced < 1.5
     gains = {
@@ -501,7 +501,7 @@ def test_what_came_nearest_is_kept_where_nothing_is_within_tolerances(monkeypatc
 def test_a_force_per_unit_that_is_known_is_named_where_it_is_wrong() -> None:
     rig, seen = shaken()
     known = tolerances(rig, SENSORS) | {f"excitation.force_gain[{i}]": 0.01 for i in (1, 2)}
-    d = diagnose(rig, seen, tolerances=known)
+    d = diagnose(rig, seen, causes=RIVALS, tolerances=known)
     assert (d.verdict, d.cause) == ("cause-found", "parameter:excitation.force_gain[2]")
     gain, std = value(d, "value")
     assert abs(gain - GAIN) < 3.0 * std < 0.02
