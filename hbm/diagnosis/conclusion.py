@@ -184,10 +184,14 @@ class Conclusion:
         return replace(left, untested=untested, missed=missed, uncertain=self._uncertain(best or plain))
 
     def _uncertain(self, e: Evaluation) -> float:
-        """Noise variances of the records held out, where only how uncertain its numbers are makes noise of these."""
+        """Noise variances of the records held out, where only how uncertain its numbers are makes noise of these.
+
+        Not of transients, which are free there.
+        """
         scored = self._scored(e)
-        alone = scored is not None and scored.misfit.fits and not within_noise(scored.evaluation.white)
-        return scored.errors.chi2_reduced if scored is not None and alone else 0.0
+        if scored is None or not e.settled or not scored.misfit.fits or within_noise(scored.evaluation.white):
+            return 0.0
+        return scored.errors.chi2_reduced
 
     def _missed(self, e: Evaluation) -> float:
         """Error of the records held out, where these are not noise although those fitted are; else 0."""

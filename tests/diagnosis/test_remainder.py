@@ -190,8 +190,9 @@ def test_what_uncertain_numbers_take_of_the_records_held_out_is_told(
         errors=SimpleNamespace(chi2_reduced=variances),
         evaluation=SimpleNamespace(white=white),
     )
-    left = Conclusion._uncertain(SimpleNamespace(_scored=lambda e: scored), None)
-    assert left == told
+    found = SimpleNamespace(_scored=lambda e: scored)
+    left = Conclusion._uncertain(found, SimpleNamespace(settled=True))
+    assert left == told and Conclusion._uncertain(found, SimpleNamespace(settled=False)) == 0.0
     said = replace(remainder(noise, campaign, False, {}), uncertain=left).sentence
     rest = "; those held out leave 7.2 noise variances, no more than the fitted numbers are uncertain by"
     assert said == f"What remains is noise{rest if told else ''}."
