@@ -24,13 +24,14 @@ from hbm.diagnosis.remainder import Remainder, percent
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.diagnosisfiles import FILES
 from hbm.files.diagnosispage import ranking_table
-from hbm.files.diagnosissummary import first_screen, verdict_line
+from hbm.files.diagnosissummary import _said, first_screen, verdict_line
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.trace import steady_state
 from hbm.rigfiles.causes import causes_in_file
 from hbm.rigfiles.load import load_rig
 from models import Attachments, PointMass, Rig
 from models.causes import CAUSES
+from models.causes.parameter import WrongParameter
 
 PAPER = Path(__file__).parents[1] / "examples" / "paper_beam.toml"
 STATES = (*((level, hz) for hz in (46.0, 57.0, 64.0) for level in (3.0, 6.5)), (6.5, 150.0))
@@ -346,6 +347,18 @@ def test_ties_are_told_apart_before_anything_is_confirmed() -> None:
     assert said["What to measure next"].startswith(
         "To tell added-mass from added-spring: three records at 9 N. To confirm added-mass: weigh"
     )
+
+
+@pytest.mark.usefixtures("mass")
+def test_what_does_the_same_as_the_second_of_two_causes_is_told_beside_it() -> None:
+    found = replace(FOUND[0], seconds=("parameter:beam.length (value = 0.81)",))
+    assert found.extended_fit is not None
+    model = found.extended_fit.model.extended_by(WrongParameter("beam.density"))
+    pair = replace(found.extended_fit, model=model, x=np.append(found.extended_fit.x, model.start[-1]))
+    first, second = (_said(found, pair, i) for i in (0, 1))
+    alike = ", which these records cannot tell from parameter:beam.length (value = 0.81): "
+    assert second.startswith("parameter:beam.density (value ") and alike in second and alike not in first
+    assert alike not in _said(FOUND[0], pair, 1)
 
 
 @pytest.mark.usefixtures("mass")
