@@ -51,7 +51,7 @@ def as_alone(rig: Rig) -> Solved:
     """Records solved together, compared with each alone."""
     hz, levels = zip(*AT, strict=True)
     alone = [steady_state(rig, f, level=F, harmonics=9, samples=128) for f, F in AT]
-    near = [steady_state(rig, 1.0005 * f, level=F, harmonics=9, samples=128) for f, F in AT]
+    near = [steady_state(rig, 1.0005 * s.hz, level=s.level, harmonics=9, samples=128, start=s) for s in alone]
     batch, found = together(rig, near, list(hz), list(levels))
     assert found.converged.all()
     keys = [k for k in solution_numbers(rig, hz[0], levels[0])]
