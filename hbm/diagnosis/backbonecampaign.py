@@ -18,7 +18,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay, damping_ratio, decay_rate
 from hbm.modes.backbone import NonlinearMode
-from hbm.modes.decaying import at_channel, near_states, over_channel
+from hbm.modes.decaying import at_channel, near_states, over_channel, rate_of
 from hbm.modes.linear import linear_modes
 from hbm.modes.sensitivity import decay_changes
 from hbm.outputerror.floored import FlooredCampaign
@@ -91,15 +91,17 @@ class BackboneCampaign(FlooredCampaign):
 
     def _simulated(self, motions: NonlinearMode, keys: Sequence[str]) -> dict[int, Simulated]:
         channel = self.data.channels[0]
-        half, decaying = motions.hz * motions.damping_ratio, motions.decaying_hz
+        half, decaying, rate = motions.hz * motions.damping_ratio, motions.decaying_hz, rate_of(motions, channel)
+        # how much faster the channel falls than what is lost says; it hardly changes with the numbers of a rig
+        falls = np.divide(rate, 2 * np.pi * half, out=np.ones(len(half)), where=half != 0.0)
         found = {}
         for i, (r, by) in enumerate(zip(self.data.records, decay_changes(motions, channel, keys), strict=True)):
             nothing, by_half = np.zeros(r.measured.shape), by.relief / (4 * np.pi)
             by_hz = (motions.hz[i] * by.hz - half[i] * by_half) / decaying[i]
             found[r.number] = Simulated(
                 solution=motions.points[i],
-                amplitudes=_reading(float(decaying[i]) - self.reference, float(half[i])),
-                by_keys=np.array([by_hz, by_half])[:, None, None],
+                amplitudes=_reading(float(decaying[i]) - self.reference, float(falls[i] * half[i])),
+                by_keys=np.array([by_hz, falls[i] * by_half])[:, None, None],
                 by_force=nothing,
                 by_hz=nothing,
                 by_tones=None,

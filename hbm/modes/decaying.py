@@ -13,11 +13,14 @@ import numpy as np
 from continuation import ConvergenceError, Point
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.measurement.decay import damping_ratio
 from hbm.modes.amplitudes import StuckMode, solved, traced
 from hbm.modes.backbone import NonlinearMode, described
 from hbm.modes.epmc import DriveAmplitude, FreeMotion
+from hbm.modes.sustained import SustainedJoints
 from hbm.parallel import one_thread
 from hbm.response.budget import Budget
 from models.jointed import AnyRig
@@ -126,15 +129,55 @@ def span(mode: NonlinearMode, channel: str) -> tuple[float, float]:
 def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Array, Array]:
     """Frequency [Hz] and damping ratio of a decay of a mode at amplitudes of a channel, (m,) each; nan beyond it.
 
+    The damping ratio is that by which the channel falls, :func:`rate_of`.
+
     They are solved there; by lines between the points of the mode where that fails, as beside a fold.
     """
-    hz, ratio = _where(mode, channel, amplitude, np.column_stack([mode.decaying_hz, mode.damping_ratio])).T
+    hz, ratio = _where(mode, channel, amplitude, np.column_stack([mode.decaying_hz, _ratio_of(mode, channel)])).T
     within = np.isfinite(hz)
     with suppress(ConvergenceError):
         if within.any():
             there = at_channel(mode, channel, amplitude[within])
-            hz[within], ratio[within] = there.decaying_hz, there.damping_ratio
+            hz[within], ratio[within] = there.decaying_hz, _ratio_of(there, channel)
     return hz, ratio
+
+
+def rate_of(mode: NonlinearMode, channel: str) -> Array:
+    """Rate at which the amplitude of a channel falls in a free decay, (points,) [1/s].
+
+    The action falls at the rate xi; a channel by half of that only where frequency and shape do not change with the
+    amplitude. An acceleration X omega^2 falls faster than X where the frequency falls with it. The rate is half of xi
+    where the channel does not stand for the motion, as beside internal resonances.
+    """
+    growth = np.array([_growth(mode.problem, point, channel) for point in mode.branch.points])
+    rate, lost = growth * mode.decay_rate, 2 * np.pi * mode.hz * mode.damping_ratio
+    return np.where(np.isfinite(rate) & (growth > GROWTH[0]) & (growth < GROWTH[1]), rate, lost)
+
+
+def _ratio_of(mode: NonlinearMode, channel: str) -> Array:
+    return damping_ratio(2 * np.pi * mode.decaying_hz, rate_of(mode, channel))
+
+
+def _growth(problem: DriveAmplitude, point: Point, channel: str) -> float:
+    """Derivative d ln (amplitude of the channel) / d ln (amplitude of the drive) along the branch, by its tangent."""
+    balance, y, Omega = problem.unpack(point.x, point.lam)
+    along = point.tangent_x / (np.log(10.0) * point.tangent_lam) if point.tangent_lam else np.inf * point.tangent_x
+    change = balance.unpack(problem.scale(point.lam) * (point.x[:-2] + along[:-2]), Omega)
+    there, by = (_moved(problem, state, channel) for state in (balance.unpack(y, Omega), change))
+    quantity = next(c.quantity for c in problem.rig.channels if c.name == channel)
+    return float((by / there).real + DERIVATIVES[quantity] * along[-2] / point.x[-2])
+
+
+def _moved(problem: DriveAmplitude, state: State, channel: str) -> complex:
+    """Fundamental of the displacement at the place of a channel, linear in a state."""
+    balance = problem.balance
+    if isinstance(balance, SustainedJoints):
+        i = [c.name for c in balance.rig.response_channels].index(channel)
+        seen = state.Q @ balance.structure.channels[i] + state.T @ balance.structure.channels_by_joints[i]
+    else:
+        s = balance.structure
+        seen = state.Q @ s.channel_rows[channel] + s.residual.channels.get(channel, (0.0, 0.0))[1] * state.T
+    return complex(balance.basis.complex(seen)[1])
 
 
 def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> NonlinearMode:

@@ -107,8 +107,9 @@ class Evaluation:
 
     @property
     def std(self) -> Array:
-        """Standard deviations of the values, (n,)."""
-        return np.asarray(self.scales * np.sqrt(np.diag(self.covariance)))
+        """Standard deviations of the values, (n,); infinite where rounding makes a variance negative."""
+        variance = np.diag(self.covariance)
+        return np.asarray(self.scales * np.sqrt(np.where(variance < 0.0, np.inf, variance)))
 
     @property
     def bic(self) -> float:

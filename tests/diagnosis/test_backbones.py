@@ -20,7 +20,7 @@ from hbm.files.outputs import columns_text
 from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
-from hbm.modes.decaying import at_channel, over_channel
+from hbm.modes.decaying import over_channel, predicted
 from hbm.outputerror.evaluation import Evaluation, start_from
 from hbm.outputerror.fit import fit_model
 from hbm.outputerror.model import Model
@@ -91,9 +91,10 @@ def made(folder: Path, ratio: float) -> JointedRig:
 def decayed(rig: JointedRig, seed: int) -> Decay:
     """Its backbone with 0.02 % of noise on the frequency and 3 % on the damping, on a grid of its own."""
     branch = over_channel(rig, 1, "acc", (float(AMPLITUDES[-1]), float(AMPLITUDES[0])), FourierBasis(11, 256))
-    mode, draw = at_channel(branch, "acc", AMPLITUDES), np.random.default_rng(seed).normal(size=(2, len(AMPLITUDES)))
-    hz, ratio = mode.hz * (1 + 2e-4 * draw[0]), mode.damping_ratio * (1 + 0.03 * draw[1])
-    return Decay("decay.csv", "acc", "m/s^2", AMPLITUDES, hz, 2e-4 * mode.hz, ratio, 0.03 * mode.damping_ratio)
+    hz, ratio = predicted(branch, "acc", AMPLITUDES)
+    draw = np.random.default_rng(seed).normal(size=(2, len(AMPLITUDES)))
+    noisy = hz * (1 + 2e-4 * draw[0]), 2e-4 * hz, ratio * (1 + 0.03 * draw[1]), 0.03 * ratio
+    return Decay("decay.csv", "acc", "m/s^2", AMPLITUDES, *noisy)
 
 
 @pytest.mark.parametrize(
@@ -324,11 +325,11 @@ def test_the_command_writes_what_of_other_records_it_writes(rig: JointedRig, tmp
         "diagnosis.json", "errors.csv", "ranking.csv", "extended.toml", "report.html", "figures",
     }  # fmt: skip
     extended = load_rig(out / "extended.toml")
-    branch = at_channel(over_channel(extended, 1, "acc", (0.4, 14.0)), "acc", AMPLITUDES)
+    hz, ratio = predicted(over_channel(extended, 1, "acc", (0.4, 14.0)), "acc", AMPLITUDES)
     drawn = np.genfromtxt(out / "figures" / "backbone.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     own = drawn[drawn["model"] == "extended"]
-    assert own["simulated_hz"] == pytest.approx(branch.hz[::-1], rel=1e-6)
-    assert own["simulated_damping_ratio"] == pytest.approx(branch.damping_ratio[::-1], rel=1e-4)
+    assert own["simulated_hz"] == pytest.approx(hz[::-1], rel=1e-6)
+    assert own["simulated_damping_ratio"] == pytest.approx(ratio[::-1], rel=1e-4)
 
 
 def test_what_is_no_question_of_a_decay_is_refused(rig: JointedRig, tmp_path: Path) -> None:

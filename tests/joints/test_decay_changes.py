@@ -1,5 +1,7 @@
 """Derivatives of a free decay to the numbers of its rig, against differences of decays solved anew."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,23 @@ def test_amplitudes_are_met_where_a_channel_does_not_grow_as_the_drive() -> None
     closed = (2 * np.pi * 80.0) ** 2 + 0.75 * k * 0.8**2 * (amplitudes / omega2) ** 2
     assert mode.hz[-1] > 1.2 * mode.hz[0]
     np.testing.assert_allclose(omega2, closed, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("quantity", "power"), [("displacement", 0), ("velocity", 1), ("acceleration", 2)])
+def test_a_decay_is_predicted_as_its_channel_falls(quantity: str, power: int) -> None:
+    """One harmonic of a mode, w^2 = w0^2 + 3/4 k phi^2 X^2: the action X^2 w falls at 2 zeta w0, a channel is X w^p."""
+    w0, k, at = 2 * np.pi * 80.0, 1e12, 6e-4
+    seen = (Channel("v", quantity, at="tip"),)
+    omega = np.sqrt(w0**2 + 0.75 * k * 0.8**2 * at**2)
+    by_X = 1.0 - (w0 / omega) ** 2  # d ln w / d ln X
+    rate = 2 * 0.002 * w0 * (1.0 + power * by_X) / (2.0 + by_X)
+    amplitude = at * omega**power
+    branch = over_channel(
+        replace(hardening(0.0), channels=seen), 1, "v", (0.1 * amplitude, amplitude), FourierBasis(1, 64)
+    )
+    hz, ratio = predicted(branch, "v", np.array([amplitude]))
+    assert by_X > 0.4
+    assert ratio[0] * 2 * np.pi * hz[0] / np.sqrt(1 - ratio[0] ** 2) == pytest.approx(rate, rel=1e-5)
 
 
 def test_what_a_mode_does_not_reach_is_not_predicted() -> None:
