@@ -92,6 +92,28 @@ def test_a_channel_that_is_constant_is_refused(dead: str, recorded: Recording) -
         responses_from_rest(still, "force", CHANNELS)
 
 
+def test_a_channel_of_noise_alone_is_called_dead(recorded: Recording) -> None:
+    noise = np.random.default_rng(4).standard_normal(len(recorded.time))
+    dead = recording("hits.csv", recorded.time, {**recorded.channels, "v2": noise})
+    with pytest.raises(InputError, match="hits.csv: v2 moves no more than before the first hit: is it dead"):
+        responses_from_rest(dead, "force", CHANNELS)
+
+
+def test_what_leaks_of_a_line_at_rest_counts_as_noise() -> None:
+    """Of mains beside mode 2, 0.25 Hz of 31 Hz, in all channels; without one nothing is said."""
+    good = hits(2)
+    hum = np.sin(2 * np.pi * 31.25 * good.time)
+    read = {name: values + 3e-3 * np.abs(values).max() * hum for name, values in good.channels.items()}
+    found = responses_from_rest(Recording("", good.time, read, good.units), "force", CHANNELS)
+    assert responses_from_rest(good, "force", CHANNELS).warnings == ()
+    assert [line.split(" at 31.")[0] for line in found.warnings] == [f"{n} has a line" for n in ("force", *CHANNELS)]
+    m = fit_modes(found.between(12.0, 70.0), drive="a1")
+    assert len(m) == 3
+    assert m.hz_std[1] > 5.0 * m.hz_std[2]
+    assert np.abs((m.hz - HZ) / m.hz_std).max() < 4.0
+    assert np.abs((m.ratio - RATIO) / m.ratio_std).max() < 4.0
+
+
 def test_what_is_no_such_recording_is_refused(recorded: Recording) -> None:
     with pytest.raises(InputError, match='no channel "hammer"; channels are a1, v2, x3, force'):
         responses_from_rest(recorded, "hammer", CHANNELS)
