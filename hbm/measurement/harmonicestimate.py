@@ -88,8 +88,8 @@ class HarmonicEstimate(Displayed):
     units : dict of str to str
         As in the recording.
     quality : tuple of ChannelQuality, (c,)
-    dead : tuple of str
-        Constant channels, left out.
+    dead, silent : tuple of str
+        Channels left out: constant ones, and those of noise alone where others move.
     beyond : dict of int to (c,) array
         Amplitudes of harmonics above H that stand out, by number.
     """
@@ -107,6 +107,7 @@ class HarmonicEstimate(Displayed):
     units: Mapping[str, str]
     quality: tuple[ChannelQuality, ...]
     dead: tuple[str, ...]
+    silent: tuple[str, ...]
     beyond: Mapping[int, Array]
 
     @property
@@ -158,6 +159,8 @@ class HarmonicEstimate(Displayed):
 def _warnings(e: HarmonicEstimate) -> Iterator[str]:
     for name in e.dead:
         yield f"{name} is constant: left out"
+    for name in e.silent:
+        yield f"{name} has no harmonic that stands out of its noise: left out. Is it dead?"
     if e.uneven > UNEVEN:
         yield (
             f"its times lie up to {e.uneven:.1%} of a step beside an even clock: harmonics are taken at these times, "

@@ -47,6 +47,10 @@ BLOCKS = 32
 SLIP = 0.05
 """Samples by which whole periods may miss whole samples over a record: less than a given frequency is known to."""
 
+HEARD, LOUD = 2.0, 100.0
+"""Standard deviations beyond the largest that noise has of so many harmonics, from which one stands out; and those of
+another channel from which it is plain that the structure moved: one that hears nothing then is dead, or at rest."""
+
 LEADS = 0.1
 """A fundamental below this part of the strongest harmonic does not stand for the record: it is a multisine."""
 
@@ -105,12 +109,25 @@ def harmonic_spectra(
         units={names[i]: recorded.units.get(names[i], "") for i in alive},
     )
     found = _estimate(measured, hz, hz_std, harmonics, periods, samples)
+    if silent := _silent(found):
+        heard = {name: values for name, values in measured.channels.items() if name not in silent}
+        found = _estimate(replace(measured, channels=heard), hz, hz_std, harmonics, periods, samples)
     off = found.off_hz if refine is None else hz_std
     return replace(
         found,
         turn_std=2.0 * np.pi * abs(off * float(t.mean())),
         dead=tuple(name for name, constant in zip(names, dead, strict=True) if constant),
+        silent=silent,
     )
+
+
+def _silent(e: HarmonicEstimate) -> tuple[str, ...]:
+    """Channels of which no harmonic stands out of the noise, where another channel does plainly."""
+    clear = np.hypot(e.coefficients[:, 1 : e.H + 1], e.coefficients[:, e.H + 1 :]) / e.own_std[:, 1:]
+    largest, heard = clear.max(axis=1), HEARD + np.sqrt(2.0 * np.log(max(e.H, 9)))
+    if largest.max() < LOUD:
+        return ()
+    return tuple(name for name, most in zip(e.channels, largest, strict=True) if most < heard)
 
 
 def _settled(recorded: Recording, settle: float) -> tuple[Array, Array]:
@@ -198,6 +215,7 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         units=measured.units,
         quality=(),
         dead=(),
+        silent=(),
         beyond=dict(zip(beyond.numbers.tolist(), beyond.amplitude.T, strict=True)),
     )
     middles = t[0] + (np.arange(blocks) + 0.5) * length / hz

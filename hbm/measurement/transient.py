@@ -37,8 +37,8 @@ LEAST = 1e-9
 """Least noise of a channel, of its largest value."""
 
 CLEAR, LOBE, BESIDE = 50.0, 2, 20
-"""At rest a line counts of so many times the median power beside it, which of few is half of what it should be; lines of
-a Hann window on either side of its middle, and lines on either side that are beside it."""
+"""At rest a line counts of so many times the median power beside it, of which few may have half; lines of a Hann window
+on either side of its middle, and lines on either side that are beside it."""
 
 
 class _Lines(NamedTuple):
@@ -116,8 +116,8 @@ def _from_rest(recorded: Recording, name: str, few: int) -> _Lines:
         raise InputError(f"{recorded.source}: {name} is constant; must move, or be left out of the file")
     if STILL * largest < first < DEAD * last and float(np.std(signal)) < DEAD * first:
         raise InputError(
-            f"{recorded.source}: {name} moves no more than before the first hit: is it dead? Must move, or be left out of "
-            "the file"
+            f"{recorded.source}: {name} moves no more than before the first hit: is it dead? Must move, or be left out "
+            "of the file"
         )
     for moves, when, than in ((first, "first", 0.0), (last, "last", 2.0 * first)):
         if moves > max(STILL * largest, than):
@@ -134,8 +134,8 @@ def _from_rest(recorded: Recording, name: str, few: int) -> _Lines:
         apart = np.pi * np.abs(np.arange(N // 2 + 1) / N - hz * recorded.step)
         leaked = amplitude / np.sqrt(8.0) / np.maximum(apart, 1.0 / N)
         said.append(
-            f"{name} has a line at {hz:.4g} Hz at rest, of {amplitude / largest:.2%} of its largest: what it leaks counts "
-            "as noise, and modes beside it are less certain. Look for its source, such as mains"
+            f"{name} has a line at {hz:.4g} Hz at rest, of {amplitude / largest:.2%} of its largest: what it leaks "
+            "counts as noise, and modes beside it are less certain. Look for its source, such as mains"
         )
     return _Lines(fft.rfft(signal), np.hypot(max(first, LEAST * largest) * np.sqrt(N / 2.0), leaked), said)
 

@@ -305,6 +305,18 @@ def test_clipped_and_dead_channels_are_told() -> None:
     assert e.warnings == ("a2 is constant: left out", "a1 is flat-topped: was it clipped?")
 
 
+def test_a_channel_of_noise_alone_is_left_out_where_others_move() -> None:
+    """One of more noise than motion is kept, for over 40 periods it stands out; where none stands out all are."""
+    good, rng = record(40.0), np.random.default_rng(3)
+    noise = rng.normal(size=(2, len(good.time)))
+    with_others = {**good.channels, "dead": noise[0], "weak": 2.0 * noise[1] + good.channels["a1"]}
+    e = harmonic_spectra(recording("run.csv", good.time, with_others), HZ, H)
+    assert (e.silent, "weak" in e.channels) == (("dead",), True)
+    assert e.warnings == ("dead has no harmonic that stands out of its noise: left out. Is it dead?",)
+    alone = harmonic_spectra(recording("run.csv", good.time, {"dead": noise[0], "weak": 2.0 * noise[1]}), HZ, H)
+    assert (alone.silent, alone.channels) == ((), ("dead", "weak"))
+
+
 @pytest.mark.parametrize("steps", [20, 1000, 30_000])
 def test_a_coarse_converter_is_not_clipping(steps: int) -> None:
     """A sine in steps of the converter stays longest at its top, without being flat."""

@@ -95,7 +95,7 @@ def test_a_channel_that_is_constant_is_refused(dead: str, recorded: Recording) -
 def test_a_channel_of_noise_alone_is_called_dead(recorded: Recording) -> None:
     noise = np.random.default_rng(4).standard_normal(len(recorded.time))
     dead = recording("hits.csv", recorded.time, {**recorded.channels, "v2": noise})
-    with pytest.raises(InputError, match="hits.csv: v2 moves no more than before the first hit: is it dead"):
+    with pytest.raises(InputError, match=r"hits.csv: v2 moves no more than before the first hit: is it dead"):
         responses_from_rest(dead, "force", CHANNELS)
 
 
