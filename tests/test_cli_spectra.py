@@ -142,7 +142,7 @@ def test_a_sweep_may_have_its_phase_by_a_voltage(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "line"),
     [
-        ("", ' line 1: columns ""; must be time_s and one per channel'),
+        ("", ' line 1: columns ""; must be time_s, or as Time (ms), and one per channel'),
         ("time_s,force,a1\n0,1,2\n1,#REF!,2\n", ' line 3: force = "#REF!"; must be a finite number'),
         ("time_s,force,a1\n0,1,2\n1,1,2\n2,1,2\n", ""),
     ],

@@ -10,6 +10,7 @@ import io
 import json
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,13 +42,14 @@ class _Line(NamedTuple):
 
 
 class _Heading(NamedTuple):
-    """Names and units of the columns, what separates them, seconds in the unit of time, and how many lines it has."""
+    """Names and units of the columns, what separates them and may end lines, seconds in the unit of time, its lines."""
 
     names: list[str]
     units: list[str]
     delimiter: str
     scale: float
     lines: int
+    ended: bool
 
 
 def read_csv(path: Path) -> Found:
@@ -63,14 +65,17 @@ def read_csv(path: Path) -> Found:
         ((i, found) for i in range(min(len(lines), MOST_ABOVE)) if (found := _heading(lines[i : i + 2]))), (0, None)
     )
     if heading is None:
-        first = lines[0] if lines else _Line(1, "")
+        first = _above_numbers(lines)
         shown = first.text.strip()[:60]
-        raise InputError(f'{path} line {first.number}: columns "{shown}"; must be time_s and one per channel')
+        raise InputError(
+            f'{path} line {first.number}: columns "{shown}"; must be time_s, or as Time (ms), and one per channel, '
+            "between commas, semicolons or tabs; without times: NPZ or MAT with fs"
+        )
     names = heading.names
     for i, name in enumerate(names):
         if name in names[:i]:
             raise InputError(f'{path} line {lines[above].number}: column "{name}" a second time; must be once')
-    table = _table(path, lines[above + heading.lines :], names, heading.delimiter)
+    table = _table(path, lines[above + heading.lines :], heading)
     channels = {name: table[:, i] for i, name in enumerate(names) if i}
     units = {name: unit for name, unit in zip(names, heading.units, strict=True) if unit}
     return Found(heading.scale * table[:, 0], channels, units)
@@ -97,8 +102,7 @@ def _text(path: Path) -> str:
 
 def _cells(text: str, delimiter: str) -> list[str]:
     """Entries of a line; exports often end each line with a delimiter."""
-    if delimiter != ",":
-        text = text.rstrip("\r\n ").removesuffix(delimiter)
+    text = text.rstrip("\r\n ").removesuffix(delimiter)
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
 
 
@@ -113,7 +117,16 @@ def _heading(lines: Sequence[_Line]) -> "_Heading | None":
     scale = _seconds(names[0], units[0]) if names else None
     if scale is None or len(names) < 2 or not all(names):
         return None
-    return _Heading(names, units, delimiter, scale, 2 if below else 1)
+    ended = delimiter != "," or lines[0].text.rstrip().endswith(delimiter)  # a comma may come before what is missing
+    return _Heading(names, units, delimiter, scale, 2 if below else 1, ended)
+
+
+def _above_numbers(lines: Sequence[_Line]) -> _Line:
+    """The line above the first that begins with a number, which should be the heading; else the first."""
+    for line, beneath in pairwise(lines[:MOST_ABOVE]):
+        if re.match(r"\s*[\"+-]?[0-9]", beneath.text) and not re.match(r"\s*[\"+-]?[0-9]", line.text):
+            return line
+    return lines[0] if lines else _Line(1, "")
 
 
 def _named(cell: str) -> tuple[str, str]:
@@ -146,15 +159,18 @@ def _seconds(name: str, unit: str) -> float | None:
 # ------------------------------------------------------------------------------------------------------------- numbers
 
 
-def _table(path: Path, lines: list[_Line], names: list[str], delimiter: str) -> Array:
+def _table(path: Path, lines: list[_Line], heading: _Heading) -> Array:
     """Numbers beneath the heading; if they cannot be read, the first faulty line is named."""
+    names, delimiter = heading.names, heading.delimiter
     if not lines:
         raise InputError(f"{path}: no samples; must have one row per sample")
     text = "\n".join(line.text for line in lines)
+    if heading.ended:
+        text = re.sub(rf"{delimiter}[ \r]*$", "", text, flags=re.MULTILINE)
     if delimiter != ",":
-        text = re.sub(rf"{delimiter}[ \r]*$", "", text, flags=re.MULTILINE).replace(",", ".")
+        text = text.replace(",", ".")
     try:
-        table = np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
+        table = np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None, quotechar='"')
         if table.shape[1] == len(names) and np.isfinite(table).all():
             return table
     except ValueError:

@@ -122,12 +122,13 @@ def harmonic_spectra(
 
 
 def _silent(e: HarmonicEstimate) -> tuple[str, ...]:
-    """Channels of which no harmonic stands out of the noise, where another channel does plainly."""
+    """Channels of noise without a line, of which no harmonic stands out, where another channel moves plainly."""
     clear = np.hypot(e.coefficients[:, 1 : e.H + 1], e.coefficients[:, e.H + 1 :]) / e.own_std[:, 1:]
     largest, heard = clear.max(axis=1), HEARD + np.sqrt(2.0 * np.log(max(e.H, 9)))
     if largest.max() < LOUD:
         return ()
-    return tuple(name for name, most in zip(e.channels, largest, strict=True) if most < heard)
+    mute = [most < heard and not np.isfinite(q.leftover.line_hz) for most, q in zip(largest, e.quality, strict=True)]
+    return tuple(name for name, silent in zip(e.channels, mute, strict=True) if silent)
 
 
 def _settled(recorded: Recording, settle: float) -> tuple[Array, Array]:

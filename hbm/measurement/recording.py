@@ -170,7 +170,10 @@ def recording(
         raise InputError(f"{source}: {len(t)} samples; must have at least 3")
     if not np.all(np.diff(t) > 0.0):
         at = int(np.argmin(np.diff(t) > 0.0)) + 1
-        raise InputError(f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase")
+        digits = ", with more digits than it has" if t[at] == t[at - 1] else ""
+        raise InputError(
+            f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase{digits}"
+        )
     found = Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
     _refuse_impossible(source, "the mean step of time", np.array([found.step]), "sampling_step")
     for name, v in values.items():

@@ -36,7 +36,9 @@ def to_si(source: str, name: str, unit: str, *, drives: bool = False) -> tuple[f
     for meant in (*SI, VOLT) if drives else SI:
         if parsed is not None and parsed.dimensionality == _parsed(meant).dimensionality:
             return _factor(parsed), meant
-    raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(COMMON)}')
+    volts = parsed is not None and parsed.dimensionality == _parsed(VOLT).dimensionality
+    way = "; divide what is in volts by the sensitivity of its sensor" if volts else ""
+    raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(COMMON)}{way}')
 
 
 def seconds(unit: str) -> float | None:

@@ -14,6 +14,10 @@ from hbm.measurement.spectra import MOST_WARNINGS, MeasuredSpectra
 
 RIG = str(Path(__file__).parents[2] / "examples" / "one_mode.toml")  # channels force and a1
 TIME = np.arange(1000) / 1000.0
+HEADED = (
+    "must be time_s, or as Time (ms), and one per channel, between commas, semicolons or tabs; without times: NPZ or "
+    "MAT with fs"
+)
 
 
 def run(*args: str) -> Result:
@@ -85,8 +89,8 @@ def test_brackets_that_hold_no_unit_belong_to_the_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("Time;a1\n0;1\n1;2\n2;3\n", ' line 1: columns "Time;a1"; must be time_s and one per channel'),
-        ("Time (N);a1\n0;1\n", ' line 1: columns "Time (N);a1"; must be time_s and one per channel'),
+        ("Time;a1\n0;1\n1;2\n2;3\n", ' line 1: columns "Time;a1"; ' + HEADED),
+        ("Time (N);a1\n0;1\n", ' line 1: columns "Time (N);a1"; ' + HEADED),
         ("Time (s);a1\n0;1.000,5\n1;2\n", ' line 2: a1 = "1.000.5"; must be a finite number'),
         (
             "Time (s);a1 (kg)\n0;1\n1;2\n2;3\n",

@@ -19,6 +19,10 @@ RATE = 2048.0
 N = 300
 TIME = np.arange(N) / RATE
 FORCE, A1 = np.cos(40.0 * TIME), 3.0 * np.sin(70.0 * TIME)
+HEADED = (
+    "must be time_s, or as Time (ms), and one per channel, between commas, semicolons or tabs; without times: NPZ or "
+    "MAT with fs"
+)
 HEADER_7_3 = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
 
 
@@ -59,11 +63,31 @@ def test_channels_may_be_chosen_and_renamed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        'time_s,"a1 [g]"\n"0","1.5"\n"1","-2"\n"2","3"\n',
+        "Recorder: 5\n\nt [s],a1 [g],\n0,1.5,\n1,-2,\n2,3,\n",
+    ],
+    ids=["quoted", "ended by commas"],
+)
+def test_numbers_in_quotes_and_commas_at_the_end_of_lines_are_read(text: str, tmp_path: Path) -> None:
+    found = load_history(written(tmp_path / "h.csv", text))
+    assert {name: values.tolist() for name, values in found.channels.items()} == {
+        "a1": pytest.approx([9.80665 * v for v in (1.5, -2.0, 3.0)])
+    }
+
+
+def test_the_line_above_the_numbers_is_named_where_no_heading_is_one(tmp_path: Path) -> None:
+    path = written(tmp_path / "h.csv", "Recorder: 5\n\nsample,a1\n1,2\n2,3\n3,4\n")
+    assert refusal(path) == f'{path} line 3: columns "sample,a1"; {HEADED}'
+
+
+@pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("", ' line 1: columns ""; must be time_s and one per channel'),
-        ("t,a1\n0,1\n", ' line 1: columns "t,a1"; must be time_s and one per channel'),
-        ("time_s\n0\n", ' line 1: columns "time_s"; must be time_s and one per channel'),
+        ("", ' line 1: columns ""; ' + HEADED),
+        ("t,a1\n0,1\n", ' line 1: columns "t,a1"; ' + HEADED),
+        ("time_s\n0\n", ' line 1: columns "time_s"; ' + HEADED),
         ("time_s,a1,a1\n0,1,2\n", ' line 1: column "a1" a second time; must be once'),
         ("time_s,a1\n", ": no samples; must have one row per sample"),
         ("time_s,a1\n0,1\n1,x\n", ' line 3: a1 = "x"; must be a finite number'),
@@ -72,7 +96,10 @@ def test_channels_may_be_chosen_and_renamed(tmp_path: Path) -> None:
         ("time_s,a1\n0,1\n1,2,3\n", " line 3: 3 entries; must have 2"),
         ("time_s,a1\n0,1\n1\n", " line 3: 1 entries; must have 2"),
         ("time_s,a1\n0,1\n1,2\n", ": 2 samples; must have at least 3"),
-        ("time_s,a1\n0,1\n1,2\n1,3\n", ": time is 1 s at sample 3 after 1 s; must increase"),
+        (
+            "time_s,a1\n0,1\n1,2\n1,3\n",
+            ": time is 1 s at sample 3 after 1 s; must increase, with more digits than it has",
+        ),
     ],
 )
 def test_a_bad_csv_is_refused_in_one_line(text: str, line: str, tmp_path: Path) -> None:
@@ -165,7 +192,8 @@ def test_mat_of_version_7_3(tmp_path: Path) -> None:
         ({"time": TIME, "a1": np.where(TIME == 0.0, np.inf, A1)}, "a1 is inf at sample 1; must be a finite number"),
         (
             {"time": TIME, "a1": A1, "units": {"a1": "V"}},
-            'unit of a1 is "V"; must be one of N, kN, mN, lbf, m/s2, mm/s2, g, mg, m/s, mm/s, in/s, m, mm, um, nm, in',
+            'unit of a1 is "V"; must be one of N, kN, mN, lbf, m/s2, mm/s2, g, mg, m/s, mm/s, in/s, m, mm, um, nm, in; '
+            "divide what is in volts by the sensitivity of its sensor",
         ),
     ],
 )
