@@ -149,7 +149,7 @@ def _responses(
         spectra = spectra.select(records=records) if records else spectra
         channels = _channels({name: "" for name in spectra.channels if name != force}, quantities)
         responses = frequency_responses(with_floor(spectra, channels, floor), force, channels)
-        return responses, float(spectra.level.min())
+        return replace(responses, warnings=(*spectra.warnings, *responses.warnings)), float(spectra.level.min())
     if records:
         raise InputError(f"{COMMAND}: --record, and {path} has no records; must be left out")
     return found.unrepeatable(floor), 1.0

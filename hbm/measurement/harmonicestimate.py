@@ -12,6 +12,7 @@ from hbm.measurement.jump import Jump
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.spikes import Spike
 from hbm.measurement.steadiness import Leftover, Steadiness
+from hbm.measurement.waves import MOST_FITTED
 from models.display import Displayed
 
 LEAST_SHARE = 0.001
@@ -182,9 +183,17 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
             f"all phases jump by {jump.angle:.3g} +/- {jump.std:.1g} rad at {jump.time:.4g} s: {1e3 * lost:.3g} ms are "
             "lost there, or so much and whole periods; use what comes before or after, or record again"
         )
-    turned = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
+    highest = max(q.harmonic for q in e.quality)
+    # the highest harmonic is a line of its own, or lines of a multisine are
+    turned = off is not None and (highest > 1 or abs(off[0]) * e.H > 2.0 * np.pi)
     smeared = jump is not None or turned
-    if off:
+    if off and highest > 1:
+        yield (
+            f"all phases turn, that of harmonic {highest} by {highest * off[0]:.3g} rad over the record: the "
+            f"fundamental is {e.hz + off[1]:.8g} Hz; give that for up to {MOST_FITTED} harmonics, or take generator "
+            "and recorder on one clock"
+        )
+    elif off:
         yield (
             f"all phases turn by {off[0]:.3g} rad over the record: "
             f"the fundamental lies {off[1]:+.2g} Hz from the one given; "
@@ -263,17 +272,18 @@ def _jump(e: HarmonicEstimate) -> Jump | None:
 
 
 def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
-    """Turn of all phases [rad] and what a frequency that was given is off [Hz], where all channels turn alike."""
+    """Turn of the fundamental [rad] and what a frequency that was given is off [Hz], where all channels turn alike."""
     if np.isfinite(e.hz_std) or _jump(e) is not None:  # a refined one is as right as one frequency can be
         return None
-    turns = np.array([q.steadiness.turning for q in e.quality])
-    stds = np.array([q.steadiness.change_std for q in e.quality])
-    if not np.isfinite(stds).all() or any(q.harmonic != 1 for q in e.quality):
+    harmonic = np.array([q.harmonic for q in e.quality])
+    turns = np.array([q.steadiness.turning for q in e.quality]) / harmonic
+    stds = np.array([q.steadiness.change_std for q in e.quality]) / harmonic
+    if not np.isfinite(stds).all():
         return None
     surest = int(np.argmin(stds))
     turn, std = float(turns[surest]), float(stds[surest])
     alike = np.abs(turns - turn) < 0.1 * abs(turn) + CERTAIN * np.hypot(stds, std)
-    if abs(turn) < max(LEAST_SHARE, CERTAIN * std) or not alike.all():
+    if abs(turn) < max(LEAST_SHARE / harmonic.max(), CERTAIN * std) or not alike.all():
         return None
     return turn, turn * e.hz / e.periods / (2.0 * np.pi)
 

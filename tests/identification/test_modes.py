@@ -240,7 +240,7 @@ def test_the_phase_of_a_voltage_is_found() -> None:
     assert np.abs((m.hz - HZ[:4]) / m.hz_std).max() < 4.5
 
 
-def test_a_resonance_that_is_not_linear_is_doubted(tmp_path: Path) -> None:
+def test_a_resonance_that_is_not_linear_is_doubted_and_warnings_of_records_are_repeated(tmp_path: Path) -> None:
     """A steady state of a hardening spring, by one term, is no sum of modes."""
     hz = np.linspace(19.0, 22.0, 60)
     x = np.full(60, 0.0 + 0.0j)
@@ -250,12 +250,13 @@ def test_a_resonance_that_is_not_linear_is_doubted(tmp_path: Path) -> None:
     pairs = np.zeros((60, 2, 3))
     pairs[:, 0, 1], pairs[:, 1, 1], pairs[:, 1, 2] = 1.0, x.real * 1e4, -x.imag * 1e4
     std = np.broadcast_to(np.array([1e-6, 1e-3])[:, None], (60, 2, 2)).copy()
-    found = MeasuredSpectra("steps", np.arange(1, 61), np.ones(60), hz, ("force", "x"), pairs, std)
+    found = MeasuredSpectra("steps", np.arange(1, 61), np.ones(60), hz, ("force", "x"), pairs, std, ((7, "x is odd"),))
     write_spectra(tmp_path / "s.csv", found)
     args = ["modal", str(tmp_path / "s.csv"), "--quantity", "x=displacement", "--modes", "1"]
     result = CliRunner().invoke(app, [*args, "--out", str(tmp_path / "rig.toml")])
     assert result.exit_code == 0, result.output
     assert "warning: not linear at this level" in result.stdout
+    assert "s.csv: x is odd." in " ".join(result.stdout.split())
 
 
 def spectra(seed: int) -> MeasuredSpectra:

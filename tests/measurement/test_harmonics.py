@@ -217,6 +217,19 @@ def test_a_wrong_fundamental_is_told_with_its_error() -> None:
 # --------------------------------------------------------------------------------------------------------------- faults
 
 
+def test_lines_of_a_multisine_on_another_clock_turn_each_by_its_number() -> None:
+    """20 ppm beside 0.5 Hz: harmonic 59 turns by 0.15 rad in 40 s. Channels have other strongest lines."""
+    t, rng = np.arange(40 * 512) / 512.0, np.random.default_rng(1)
+    lines, hz = np.arange(21, 62, 2), 0.5 * (1.0 + 20e-6)
+    waves = np.cos(2.0 * np.pi * hz * np.outer(t, lines) + rng.uniform(0.0, 6.0, len(lines)))
+    sizes = {"force": np.ones(len(lines)), "a1": 1.0 + 3.0 * (lines == 59), "a2": 1.0 + 3.0 * (lines == 31)}
+    values = {name: waves @ size + 1e-3 * rng.normal(size=len(t)) for name, size in sizes.items()}
+    (told,) = harmonic_spectra(recording("run.csv", t, values), 0.5, 70).warnings
+    assert told.startswith("all phases turn, that of harmonic 59 by 0.14")
+    assert float(told.split("fundamental is ")[1].split(" Hz")[0]) == pytest.approx(hz, rel=1e-6)
+    assert harmonic_spectra(recording("run.csv", t, values), hz, 70).warnings == ()
+
+
 def test_a_good_record_is_not_warned_of() -> None:
     """A channel in ten thousand is to be: of 100 records of two channels none or one."""
     warned = [harmonic_spectra(record(48.0, seed), HZ, H).warnings for seed in range(100)]
