@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import hilbert
 
 from hbm.errors import InputError
@@ -46,6 +47,8 @@ FLANKS = 0.4
 FEWEST = 6
 """Windows on a peak, at least, to tell how fast a sweep may be; fewer are too fast to tell."""
 
+ABOUT = 15
+"""Windows on either side of one that say what modes leave there."""
 DESCRIBED = 0.1
 """Modes describe a response of which they leave at most this part of its lag. Where friction slips they may leave less
 than the lag by poles that no mode has, and the lag by those is not that of the response."""
@@ -331,17 +334,18 @@ def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) ->
     own = np.hypot(std[:, others, 1], np.abs(X / F[:, None]) * std[:, [i], 1])
     drive = drive_of(sweep.time, sweep.half, sweep.phase, F, sweep.seen)
     off, left = off_steady(drive, X, own)
+    fundamental = np.arange(amplitudes.shape[2]) == 1
     for j, by, rest, noise in zip(others, off.T, left.T, own.T, strict=True):
-        share = _not_described(by, rest, noise)
-        size = np.abs(amplitudes[:, j, 1])
-        relative = np.divide(np.abs(by), size, out=np.zeros_like(size), where=size > 0.0)
+        share, here = _not_described(by, rest, noise)
+        size = np.abs(amplitudes[:, j])
+        relative = np.divide(np.abs(by), size[:, 1], out=np.zeros_like(here), where=size[:, 1] > 0.0)
         if share < DESCRIBED:
             amplitudes[:, j, 1] -= by
         else:
-            share, passed = 1.0, passages[sweep.channels[j]]
+            here, passed = np.ones_like(here), passages[sweep.channels[j]]
             relative = np.maximum(_off_here(sweep, j, i), relative if passed is None else _lag(sweep, passed, force))
-        may = np.where(np.arange(amplitudes.shape[2]) == 1, min(share, 1.0), 1.0)  # only the fundamental was mended
-        std[:, j] = np.hypot(std[:, j], relative[:, None] * may * np.abs(amplitudes[:, j]) / np.sqrt(2.0))
+        may = np.where(fundamental, np.minimum(here, 1.0)[:, None], 1.0)  # it alone was mended
+        std[:, j] = np.hypot(std[:, j], relative[:, None] * may * size / np.sqrt(2.0))
     decay = min((-p.sigma.real for p in passages.values() if p is not None), default=np.inf)
     for j, k in product(others, range(2, amplitudes.shape[2])):
         std[:, j, k] = np.hypot(std[:, j, k], _change(sweep.time, amplitudes[:, j, k]) / decay / np.sqrt(2.0))
@@ -361,13 +365,18 @@ def _of_windows(sweep: Sweep) -> Array:
     return np.asarray(np.hypot(sweep.std, late[:, None, None] * np.abs(sweep.slopes) / np.sqrt(2.0)))
 
 
-def _not_described(off: Complex, left: Complex, noise: Array) -> float:
-    """What modes leave of a response beyond its noise, over what they are off their steady states, where they are."""
-    size = np.abs(off) ** 2
+def _not_described(off: Complex, left: Complex, noise: Array) -> tuple[float, Array]:
+    """What modes leave of a response beyond its noise, over what they are off their steady states, where they are.
+
+    In all, and about each window (w,) where that is more, as beside a low peak.
+    """
+    size, beyond = np.abs(off) ** 2, np.abs(left) ** 2 - 2.0 * noise**2
     if not size.any():
-        return 1.0
-    share = float(np.sqrt(max(np.sum(size * (np.abs(left) ** 2 - 2.0 * noise**2)), 0.0) / np.sum(size**2)))
-    return max(share, SHARPEST)
+        return 1.0, np.ones(len(off))
+    share = max(float(np.sqrt(max(np.sum(size * beyond), 0.0) / np.sum(size**2))), SHARPEST)
+    rest, whole = (uniform_filter1d(part, 2 * ABOUT + 1, mode="constant") for part in (size * beyond, size**2))
+    here = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0.0)
+    return share, np.maximum(np.sqrt(np.maximum(here, 0.0)), share)
 
 
 def _off_here(sweep: Sweep, channel: int, force: int) -> Array:
