@@ -108,7 +108,7 @@ def test_modes_of_a_slow_sweep_are_right_by_what_is_stated(span: tuple[float, fl
 
 
 def test_what_modes_leave_at_a_low_peak_counts_there() -> None:
-    """A mode of 70 Hz lies above the sweep and is not described; that of 20 Hz is a fifteenth as high as that of 49 Hz."""
+    """One of 70 Hz above the sweep is not described; the peak at 20 Hz is a fifteenth as high as that at 49 Hz."""
     ratios, hz, shares = (0.006, 0.004, 0.005), (20.0, 49.0, 70.0), (0.1, 1.0, -0.6)
     rng = np.random.default_rng(0)
     dirty = {
