@@ -245,7 +245,8 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
         ),
         (
             ["--fundamental", "50", "--channel", "a1=a1", "--out", "s.csv"],
-            "spectra: h.csv has no channel force that moves; must have it, or give --level",
+            "spectra: h.csv has no channel force that moves; must have it (--channel force=COLUMN), or give --level "
+            "where no force was measured",
         ),
         (
             ["--fundamental", "0.5", "--out", "s.csv"],

@@ -261,7 +261,8 @@ def _reference(recorded: "Recording", force: str) -> str:
 def _level(estimate: "HarmonicEstimate", force: str) -> float:
     if force not in estimate.channels:
         raise InputError(
-            f"{COMMAND}: {estimate.source} has no channel {force} that moves; must have it, or give --level"
+            f"{COMMAND}: {estimate.source} has no channel {force} that moves; must have it (--channel {force}=COLUMN), "
+            "or give --level where no force was measured"
         )
     return estimate.amplitude(force)
 
