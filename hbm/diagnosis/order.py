@@ -5,7 +5,7 @@ dynamic stiffness, which whatever belongs to the rig leaves alike at neighbourin
 of a transient is of another phase in every record.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
@@ -147,8 +147,21 @@ def drifts_within_levels(e: Evaluation, campaign: Campaign) -> bool:
 def drifts_beyond_rooms(e: Evaluation) -> bool:
     """Whether what drifts does so by more than a room makes it; true where nothing drifts."""
     over = max(e.found) - min(e.found)
-    rates = [i for i, cause in enumerate(e.model.causes) if isinstance(cause, ParameterDrift)]
-    return all(abs(e.values[i, "rate"]) * over > ROOM for i in rates)
+    return all(abs(e.values[i, "rate"]) * over > ROOM for i in _drifting(e))
+
+
+def rooms_do(e: Evaluation, fits: Iterable[Evaluation], margin: float) -> bool:
+    """Whether a drift of what a room does explains nearly as much as a larger one, its BIC higher by a margin at most.
+
+    A resonance moves by as much where a room changes the stiffness by little as where friction changes by far more.
+    """
+    alike = (o for o in fits if _drifting(o) and not drifts_beyond_rooms(o))
+    return bool(_drifting(e)) and any(o.bic <= e.bic + margin for o in alike)
+
+
+def _drifting(e: Evaluation) -> list[int]:
+    """Places among the causes of those that drift."""
+    return [i for i, cause in enumerate(e.model.causes) if isinstance(cause, ParameterDrift)]
 
 
 def _evenly(e: Evaluation, rate: int, campaign: Campaign) -> bool:

@@ -281,7 +281,7 @@ class Search(Standing):
         nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
         ranked = sorted(others, key=evidence)
         bases = [(e, calibrated if e.model.calibrated else nominal) for e in ranked]
-        best = next((e for e, base in bases if self._accepted(base, e, self.tried)), None)
+        best = next((e for e, base in bases if self._accepted(base, e, self.tried, ranked)), None)
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, tuple(one_of_each([*ranked, *(beside(e, self.campaign) for e in near)])))
@@ -319,7 +319,8 @@ class Search(Standing):
     def without_second(self, found: Decision, pair: Evaluation) -> Decision:
         """The same with the first cause of a pair alone, where that is accepted so; else without a cause."""
         alone = [e for e in found.fits if e.model.causes == pair.model.causes[:1]]
-        return replace(found, best=next((e for e in alone if self._accepted(found.base, e, self.tried)), None))
+        best = next((e for e in alone if self._accepted(found.base, e, self.tried, found.fits)), None)
+        return replace(found, best=best)
 
     def _calibrated_too(self) -> list[Evaluation]:
         """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""

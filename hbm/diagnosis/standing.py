@@ -8,7 +8,7 @@ from hbm.diagnosis.calibrate import calibrate, tolerable, trusted
 from hbm.diagnosis.decide import DECISIVE, Decision, accepted, best_of, one_of_each, simpler, suspicious
 from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.order import disordered, drifts_beyond_rooms, drifts_within_levels
+from hbm.diagnosis.order import disordered, drifts_beyond_rooms, drifts_within_levels, rooms_do
 from hbm.diagnosis.quickfits import QuickFits
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import alone, started
@@ -175,13 +175,17 @@ class Standing:
         What leaves the tolerances of the rig file beside its causes is none of them.
         """
         ranked = one_of_each(best_of([e for e in fits if self.tolerable(e)]))
-        best = next((e for e in ranked[:1] if self._accepted(base, e, tried)), None)
+        best = next((e for e in ranked[:1] if self._accepted(base, e, tried, ranked)), None)
         return Decision(base, best, tuple(ranked))
 
-    def _accepted(self, base: Evaluation, e: Evaluation, tried: int) -> bool:
-        """As :func:`hbm.diagnosis.decide.accepted`; no drift of what a room does, or of another size at each level."""
+    def _accepted(self, base: Evaluation, e: Evaluation, tried: int, fits: Sequence[Evaluation]) -> bool:
+        """As :func:`hbm.diagnosis.decide.accepted`, of some fits.
+
+        No drift of what a room does, nor one that such a drift does for, or that is of another size at each level.
+        """
         better = accepted(base, e, tried) or (base is self.calibrated and self.replaces(e))
-        return better and drifts_beyond_rooms(e) and drifts_within_levels(e, self.campaign)
+        beyond = better and drifts_beyond_rooms(e) and not rooms_do(e, fits, DECISIVE)
+        return beyond and drifts_within_levels(e, self.campaign)
 
     def replaces(self, e: Evaluation) -> bool:
         """Whether a cause that leaves noise is likelier than calibration that leaves its tolerances, which is no story.

@@ -16,7 +16,8 @@ WIDE = 20.0
 """A number between positive bounds this factor apart is not fitted as it is."""
 
 STEP = 1e-6
-"""Of coordinates, for the derivative of a rig's numbers to them; no solution is differentiated so."""
+"""Of coordinates, of inverse ones as a share of them, for the derivative of a rig's numbers to them; no solution is
+differentiated so."""
 
 ASIDE = 1e-3
 """So far from where they start coordinates are no more neutral."""
@@ -232,7 +233,8 @@ class Model:
             if f.cause < 0 and apart:
                 columns.append({f.name: f.slope(float(x[i]))})
                 continue
-            step = STEP if x[i] + STEP <= high[i] else -STEP
+            step = STEP * x[i] if f.form == "inverse" else STEP
+            step = step if x[i] + step <= high[i] else -step
             moved = x.copy()
             moved[i] += step
             there = nominal_scalars(self.rig(moved))

@@ -15,6 +15,7 @@ from hbm.sensitivity.derivatives import sensitivities
 from models.bodies.modal import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint
+from models.causes.clamp import ClampFriction
 from models.causes.friction import StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.friction import LAWS, Iwan, Jenkins, Stribeck, describe, parameters
@@ -139,6 +140,16 @@ def test_every_number_of_a_cause_has_a_slope_at_its_bounds() -> None:
             assert np.isfinite(slopes).all(), (cause.label, f.name)
             checked.add(f.form)
     assert checked == {"linear", "logarithmic", "inverse"}
+
+
+def test_what_is_all_but_rigid_has_the_slope_of_its_number() -> None:
+    """However stiff: fits that begin at a rigid clamp step as far as is right."""
+    model = Model(paper_rig(), {}, (ClampFriction(),))
+    stiffness, limit = model.free
+    for x in (stiffness.bounds[0], stiffness.of(stiffness.start), 1e-3, 10.0):
+        at = np.array([x, limit.of(1.0)])
+        keys, by_x = model.by_x(at, model.rig(at))
+        assert by_x[keys.index("attachments.clamp_stiffness")] == pytest.approx([stiffness.slope(x), 0.0], rel=1e-5)
 
 
 def test_friction_at_rest_does_not_fall_below_that_of_sliding() -> None:

@@ -17,8 +17,8 @@ import hbm.outputerror.together as together
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
-from hbm.diagnosis.decide import evidence
-from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels
+from hbm.diagnosis.decide import DECISIVE, evidence
+from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels, rooms_do
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import coarse, screen, small
 from hbm.diagnosis.signatures import scores
@@ -134,6 +134,22 @@ def test_a_drift_of_what_a_room_does_is_no_cause(measured, times, beyond):
     found = evaluate(model, data, np.array([f.of(rate) for f in model.free]), {})
     assert drifts_beyond_rooms(found) is beyond
     assert drifts_beyond_rooms(evaluate(Model(rig, {}), data, np.zeros(0), {}))
+
+
+def test_a_drift_that_one_of_a_room_does_for_is_no_cause(measured):
+    """Of friction, where one of the stiffness that is no more than a room's explains as much, but not far less."""
+    rig, data = measured
+    room = ROOM / (max(data.numbers) - min(data.numbers))
+    large, small = (
+        evaluate(model := Model(rig, {}, (ParameterDrift(key),)), data, np.array([model.free[0].of(rate)]), {})
+        for key, rate in ((MU, 3.0 * room), (E, 0.5 * room))
+    )
+    as_well = replace(small, white=large.white)
+    far_less = replace(small, white=replace(large.white, residual=1.1 * large.white.residual))
+    assert rooms_do(large, [large, as_well], DECISIVE)
+    assert not rooms_do(large, [large, far_less], DECISIVE)
+    assert not rooms_do(large, [large, replace(large, x=2.0 * large.x)], DECISIVE)
+    assert not rooms_do(evaluate(Model(rig, {}), data, np.zeros(0), {}), [as_well], DECISIVE)
 
 
 def test_phases_of_the_harmonics_are_those_of_the_file(measured):
