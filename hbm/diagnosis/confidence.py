@@ -13,15 +13,15 @@ FORETOLD = 0.8
 RELIABLE = {
     "foretold": 0.95,
     "noise": 0.68,
-    "cause-found": 0.84,
-    "main-cause": 0.23,
-    "unexplained": 0.78,
+    "cause-found": 0.85,
+    "main-cause": 0.25,
+    "unexplained": 0.8,
     "consistent": 0.99,
     "within": 0.72,
 }
 """How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
 noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
-explain what is missed. Right ones and one more, of all and two more, in 857 cases; docs/theory/diagnosis.md says which
+explain what is missed. Right ones and one more, of all and two more, in 906 cases; docs/theory/diagnosis.md says which
 were counted."""
 
 
