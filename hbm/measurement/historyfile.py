@@ -34,6 +34,7 @@ from hbm.measurement.matfile import load_variables
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import DRIVES, KIND, TIMES, Found, Recording, recording, renamed
 from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
+from hbm.measurement.units import with_sensitivity
 from hbm.textfiles import StrPath, damage, expect_file
 
 RATES = ("fs", "sampling_hz")
@@ -58,7 +59,7 @@ def load_history(
         of the times [s] where the file has several.
     units : mapping of str to str, optional
         Units of channels, by their names here, where the file does not say them: ``g``, ``mm/s``, ``lbf``, whatever
-        pint knows of force, acceleration, velocity and displacement.
+        pint knows of force, acceleration, velocity and displacement; ``100 mV/g`` of a sensor whose volts are read.
     drives : sequence of str
         Channels that may be in volts, such as the voltage of a shaker in place of its force.
     known : collection of str
@@ -94,11 +95,12 @@ def load_history(
 
 
 def _with_units(where: str, said: Mapping[str, str], given: Mapping[str, str]) -> dict[str, str]:
-    """Units of the file, and of what it says nothing of those given."""
+    """Units of the file, and of what it says nothing of those given; volts with the sensitivity given for them."""
+    sensed = {name: with_sensitivity(said.get(name, ""), unit) for name, unit in given.items()}
     for name, unit in given.items():
-        if said.get(name, "").strip() not in ("", unit.strip()):
+        if sensed[name] is None and said.get(name, "").strip() not in ("", unit.strip()):
             raise InputError(f"{where}: {name} is in {said[name]} in the file; must not be given as {unit}")
-    return {**said, **given}
+    return {**said, **given, **{name: unit for name, unit in sensed.items() if unit}}
 
 
 def _read(path: Path) -> Found:

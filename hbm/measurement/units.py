@@ -22,8 +22,17 @@ GRAVITY = re.compile(r"([mu]?)g(?:_?n)?")
 """In a recording g is the standard gravity, never the gram."""
 
 
+SENSITIVITY = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*([mun\u00b5\u03bc]?V)\s*/\s*(?:\((.+)\)|([^()]+))")
+"""Of a sensor: a number, volts, and what they are of, as ``100 mV/g`` or ``10.2 mV/(m/s2)``."""
+
+AT = " at "
+"""Between the unit of a channel and the sensitivity of its sensor: ``mV at 100 mV/g``."""
+
+
 def to_si(source: str, name: str, unit: str, *, drives: bool = False) -> tuple[float, str]:
     """Factor to SI and SI unit of a channel; without a unit the values are in SI. One that drives may be a voltage.
+
+    Volts may be those of a sensor, whose sensitivity is told: ``mV at 100 mV/g``.
 
     Raises
     ------
@@ -32,13 +41,34 @@ def to_si(source: str, name: str, unit: str, *, drives: bool = False) -> tuple[f
     """
     if not unit.strip():
         return 1.0, ""
+    read, _, sensitivity = unit.partition(AT)
+    if sensitivity and (sensor := SENSITIVITY.fullmatch(sensitivity)) and _is_voltage(read):
+        per, volts, *of = sensor.groups()
+        if float(per) == 0.0:
+            raise InputError(f'{source}: unit of {name} is "{unit}"; its sensitivity must be > 0')
+        factor, meant = to_si(source, name, next(filter(None, of)))
+        return factor * _factor(_parsed(read)) / (float(per) * _factor(_parsed(volts))), meant
     parsed = _parsed(unit)
     for meant in (*SI, VOLT) if drives else SI:
         if parsed is not None and parsed.dimensionality == _parsed(meant).dimensionality:
             return _factor(parsed), meant
-    volts = parsed is not None and parsed.dimensionality == _parsed(VOLT).dimensionality
-    way = "; divide what is in volts by the sensitivity of its sensor" if volts else ""
+    way = '; volts of a sensor with its sensitivity, as "mV at 100 mV/g"' if _is_voltage(read) else ""
     raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(COMMON)}{way}')
+
+
+def with_sensitivity(unit: str, given: str) -> str | None:
+    """Unit of a channel with a sensitivity that is given for it, in volts where it has none; None where it is not one.
+
+    >>> with_sensitivity("mV", "100 mV/g"), with_sensitivity("", "100 mV/g"), with_sensitivity("mV", "V")
+    ('mV at 100 mV/g', 'V at 100 mV/g', None)
+    """
+    told = unit.strip() or VOLT
+    return f"{told}{AT}{given.strip()}" if SENSITIVITY.fullmatch(given) and _is_voltage(told) else None
+
+
+def _is_voltage(unit: str) -> bool:
+    parsed = _parsed(unit)
+    return parsed is not None and parsed.dimensionality == _parsed(VOLT).dimensionality
 
 
 def seconds(unit: str) -> float | None:
@@ -49,7 +79,9 @@ def seconds(unit: str) -> float | None:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit of anything; ``a1``, which could be an area, is more likely a sensor."""
-    return re.fullmatch(r"[A-Za-z]+[0-9]+", text.strip()) is None and bool(text.strip()) and _parsed(text) is not None
+    read, _, sensitivity = text.partition(AT)
+    unit = (read if SENSITIVITY.fullmatch(sensitivity) else text).strip()
+    return re.fullmatch(r"[A-Za-z]+[0-9]+", unit) is None and bool(unit) and _parsed(unit) is not None
 
 
 @cache

@@ -193,7 +193,7 @@ def test_mat_of_version_7_3(tmp_path: Path) -> None:
         (
             {"time": TIME, "a1": A1, "units": {"a1": "V"}},
             'unit of a1 is "V"; must be one of N, kN, mN, lbf, m/s2, mm/s2, g, mg, m/s, mm/s, in/s, m, mm, um, nm, in; '
-            "divide what is in volts by the sensitivity of its sensor",
+            'volts of a sensor with its sensitivity, as "mV at 100 mV/g"',
         ),
     ],
 )
@@ -309,6 +309,47 @@ def test_sep005(time: dict[str, Any]) -> None:
     )
     assert_read(found)
     assert (found.source, found.units["a1"]) == ("SEP005", "m/s2")
+
+
+MILLIVOLTS = A1 / 9.80665 * 100.0
+"""Of an accelerometer of 100 mV/g, which is 10.1972 mV/(m/s2)."""
+
+
+@pytest.mark.parametrize(
+    ("said", "given", "volts"),
+    [
+        ("mV at 100 mV/g", {}, MILLIVOLTS),
+        ("mV", {"a1": "100 mV/g"}, MILLIVOLTS),
+        ("mV", {"a1": "0.1 V/g"}, MILLIVOLTS),
+        ("", {"a1": "10.197162129779283 mV/(m/s2)"}, 1e-3 * MILLIVOLTS),
+        ("", {"a1": "mV at 1e2 mV/g"}, MILLIVOLTS),
+    ],
+)
+def test_volts_are_read_by_the_sensitivity_of_their_sensor(
+    said: str, given: dict[str, str], volts: np.ndarray, tmp_path: Path
+) -> None:
+    """In the file, or in a manifest beside it; a file that says nothing has volts."""
+    heading = f"a1 ({said})" if said else "a1"
+    rows = "\n".join(
+        f"{t!r},{f!r},{a!r}" for t, f, a in zip(TIME.tolist(), FORCE.tolist(), volts.tolist(), strict=True)
+    )
+    found = load_history(written(tmp_path / "h.csv", f"time_s,force,{heading}\n{rows}\n"), units=given)
+    assert_read(found)
+    assert found.units["a1"] == "m/s2"
+
+
+@pytest.mark.parametrize(
+    ("said", "given", "line"),
+    [
+        ("mV", "0 mV/g", 'unit of a1 is "mV at 0 mV/g"; its sensitivity must be > 0'),
+        ("g", "100 mV/g", "a1 is in g in the file; must not be given as 100 mV/g"),
+        ("mV", "100 mV/bar", 'unit of a1 is "bar"; must be one of N, kN'),
+        ("mV", "100 pC/g", "a1 is in mV in the file; must not be given as 100 pC/g"),
+    ],
+)
+def test_a_sensitivity_that_does_not_fit_is_refused(said: str, given: str, line: str) -> None:
+    entry = {"name": "a1", "data": A1, "unit_str": said, "fs": RATE}
+    assert refusal([entry], units={"a1": given}).startswith(f"SEP005: {line}")
 
 
 @pytest.mark.parametrize("unit", ["µm", "μm", "um"])
