@@ -35,6 +35,12 @@ def clipped(values: Array) -> bool:
     return len(found) > 2 and (flat(*counts[-1:-3:-1]) or flat(*counts[:2]))
 
 
+def between_tops(values: Array) -> npt.NDArray[np.bool_]:
+    """Which samples of a channel are at neither of its extremes."""
+    within = RESOLVED * float(np.max(np.abs(values)))
+    return np.asarray((values < values.max() - within) & (values > values.min() + within))
+
+
 def clipped_from_rest(values: Array, noise: float) -> bool:
     """Whether a motion from rest to rest is flat-topped, also where noise was added to its tops.
 

@@ -31,7 +31,7 @@ from scipy.optimize import minimize_scalar
 from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
 from hbm.measurement.blockscatter import of_blocks, of_residual, trends
-from hbm.measurement.clipping import clipped
+from hbm.measurement.clipping import between_tops, clipped
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.jump import jump
@@ -127,8 +127,8 @@ def _silent(e: HarmonicEstimate) -> tuple[str, ...]:
     largest, heard = clear.max(axis=1), HEARD + np.sqrt(2.0 * np.log(max(e.H, 9)))
     if largest.max() < LOUD:
         return ()
-    mute = [most < heard and not np.isfinite(q.leftover.line_hz) for most, q in zip(largest, e.quality, strict=True)]
-    return tuple(name for name, silent in zip(e.channels, mute, strict=True) if silent)
+    quiet = (q for q, most in zip(e.quality, largest, strict=True) if most < heard)
+    return tuple(q.name for q in quiet if not np.isfinite(q.leftover.line_hz) and not q.clipped)
 
 
 def _settled(recorded: Recording, settle: float) -> tuple[Array, Array]:
@@ -202,6 +202,8 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     else:
         std, rho = of_residual(found.residual, periods, H), np.zeros((Y.shape[1], H + 1))
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
+    if not samples:
+        std = np.hypot(std, _by_tops(t, Y, hz, coefficients))
     estimate = HarmonicEstimate(
         source=measured.source,
         hz=hz,
@@ -221,6 +223,21 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     )
     middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
     return replace(estimate, quality=_quality(estimate, measured, found, rho, middles))
+
+
+def _by_tops(t: Array, Y: Array, hz: float, coefficients: Array) -> Array:
+    """By how much coefficients (c, 2H+1) of flat-topped channels differ from those without the tops, (c, H+1).
+
+    One that was clipped is off by so much; one that rests there, as where friction sticks, is not.
+    """
+    H = coefficients.shape[1] // 2
+    off = np.zeros((Y.shape[1], H + 1))
+    for j in (j for j, own in enumerate(Y.T) if clipped(own)):
+        kept = between_tops(Y[:, j])
+        A = design(t[kept], hz, H)
+        change = np.linalg.lstsq(A, Y[kept, j], rcond=None)[0] - coefficients[j]
+        off[j, 0], off[j, 1:] = abs(change[0]), np.hypot(change[1 : H + 1], change[H + 1 :]) / np.sqrt(2.0)
+    return off
 
 
 def _quality(

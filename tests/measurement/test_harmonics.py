@@ -1,5 +1,7 @@
 """Harmonics of recordings whose harmonics are known: right coefficients, honest deviations, faults found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -316,6 +318,23 @@ def test_clipped_and_dead_channels_are_told() -> None:
     )
     assert (e.channels, e.dead) == (("force", "a1"), ("a2",))
     assert e.warnings == ("a2 is constant: left out", "a1 is flat-topped: was it clipped?")
+
+
+@pytest.mark.parametrize("top", [0.99, 0.9, 0.5])
+def test_a_clipped_channel_is_as_uncertain_as_clipping_makes_it(top: float) -> None:
+    """Samples beside the tops tell by how much; half of the motion cut off does not make the channel a dead one."""
+    good = record(60.0, noise=1e-3)
+    most = top * np.abs(good.channels["a1"]).max()
+    cut = replace(good, channels={**good.channels, "a1": np.clip(good.channels["a1"], -most, most)})
+    whole, found = harmonic_spectra(good, HZ, H), harmonic_spectra(cut, HZ, H)
+    a1 = at(found, "a1")
+    off = found.coefficients[a1] - whole.coefficients[a1]
+    size = np.hypot(off[1 : H + 1], off[H + 1 :]) / np.sqrt(2.0)
+    std, noise = found.own_std[a1, 1:], whole.own_std[a1, 1:]
+    assert size.max() > 5.0 * noise.max()
+    far = size > 5.0 * noise
+    np.testing.assert_allclose(std[far], size[far], rtol=0.2)
+    assert found.silent == () and found.quality[a1].clipped
 
 
 def test_a_channel_of_noise_alone_is_left_out_where_others_move() -> None:
