@@ -67,8 +67,7 @@ def in_place_of(found: Evaluation, i: int, number: WrongParameter, campaign: Cam
     ConvergenceError, ArithmeticError
         If there is none.
     """
-    causes = found.model.causes
-    model, blamed = replace(found.model, causes=(*causes[:i], number, *causes[i + 1 :])), causes[i]
+    model, blamed = found.model.with_cause(i, number), found.model.causes[i]
     assert isinstance(blamed, WrongParameter)
     known = {at: value for at, value in found.values.items() if at[0] != i}
     change = found.values[i, "value"] / found.model.nominal.number(blamed.key)

@@ -98,7 +98,7 @@ class Search(Standing):
         noise, again = replace(self.campaign, background={}), list[Evaluation]()
         held = [held_by(rich) - {rich.label} for rich in causes]
         for i, cause in ((i, c) for i, labels in enumerate(held) for c in self.candidates if c.label in labels):
-            model = replace(best.model, causes=(*causes[:i], cause, *causes[i + 1 :]))
+            model = best.model.with_cause(i, cause)
             if model.label in known:
                 continue
             start = {(i, name): value for name, value in same_force(best, i, cause, noise).items()}
@@ -106,7 +106,7 @@ class Search(Standing):
                 fit = fit_model(model, noise, model.at(best.values | start), best.solutions)
                 again.append(refine(fit, noise))
         for i, number in self._alike_in(best):
-            if replace(best.model, causes=(*causes[:i], number, *causes[i + 1 :])).label not in known:
+            if best.model.with_cause(i, number).label not in known:
                 with suppress(*FAILURES):
                     again.append(in_place_of(best, i, number, noise))
         self.fitted += again

@@ -123,8 +123,9 @@ def _heading(lines: Sequence[_Line]) -> "_Heading | None":
 
 def _above_numbers(lines: Sequence[_Line]) -> _Line:
     """The line above the first that begins with a number, which should be the heading; else the first."""
+    number = re.compile(r"\s*[\"+-]?[0-9]")
     for line, beneath in pairwise(lines[:MOST_ABOVE]):
-        if re.match(r"\s*[\"+-]?[0-9]", beneath.text) and not re.match(r"\s*[\"+-]?[0-9]", line.text):
+        if number.match(beneath.text) and not number.match(line.text):
             return line
     return lines[0] if lines else _Line(1, "")
 

@@ -23,6 +23,7 @@ Noise that moves a refined frequency leaves the phases in the middle of the reco
 zero of time, of all channels together. Seen there a coefficient is less certain than seen beside the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -202,8 +203,9 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     else:
         std, rho = of_residual(found.residual, periods, H), np.zeros((Y.shape[1], H + 1))
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
+    flat = [clipped(own) for own in Y.T]
     if not samples:
-        std = np.hypot(std, _by_tops(t, Y, hz, coefficients))
+        std = np.hypot(std, _by_tops(t, Y, hz, coefficients, flat))
     estimate = HarmonicEstimate(
         source=measured.source,
         hz=hz,
@@ -222,17 +224,17 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         beyond=dict(zip(beyond.numbers.tolist(), beyond.amplitude.T, strict=True)),
     )
     middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
-    return replace(estimate, quality=_quality(estimate, measured, found, rho, middles))
+    return replace(estimate, quality=_quality(estimate, measured, found, rho, middles, flat))
 
 
-def _by_tops(t: Array, Y: Array, hz: float, coefficients: Array) -> Array:
+def _by_tops(t: Array, Y: Array, hz: float, coefficients: Array, flat: Sequence[bool]) -> Array:
     """By how much coefficients (c, 2H+1) of flat-topped channels differ from those without the tops, (c, H+1).
 
     One that was clipped is off by so much; one that rests there, as where friction sticks, is not.
     """
     H = coefficients.shape[1] // 2
     off = np.zeros((Y.shape[1], H + 1))
-    for j in (j for j, own in enumerate(Y.T) if clipped(own)):
+    for j in np.flatnonzero(flat):
         kept = between_tops(Y[:, j])
         A = design(t[kept], hz, H)
         change = np.linalg.lstsq(A, Y[kept, j], rcond=None)[0] - coefficients[j]
@@ -241,9 +243,9 @@ def _by_tops(t: Array, Y: Array, hz: float, coefficients: Array) -> Array:
 
 
 def _quality(
-    e: HarmonicEstimate, measured: Recording, found: Periods, rho: Array, middles: Array
+    e: HarmonicEstimate, measured: Recording, found: Periods, rho: Array, middles: Array, flat: Sequence[bool]
 ) -> tuple[ChannelQuality, ...]:
-    """What is to be said of each channel; `middles` are the times (B,) of the blocks."""
+    """What is to be said of each channel; `middles` are the times (B,) of the blocks, `flat` which are flat-topped."""
     H = e.coefficients.shape[1] // 2
     size = np.hypot(e.coefficients[:, 1 : H + 1], e.coefficients[:, H + 1 :])
     lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
@@ -259,7 +261,7 @@ def _quality(
             correlation=float(rho[j, lead[j]]),
             steadiness=steadiness(middles, followed[j], turning * lead[j]),
             leftover=leftover(even[:, j], float(np.std(own)), e.periods, e.hz),
-            clipped=clipped(own),
+            clipped=flat[j],
             jump=jump(middles, followed[j]),
             spike=spike(measured.time, own, found.residual[:, j], e.periods),
         )

@@ -152,6 +152,10 @@ class Model:
         """The model with one more cause."""
         return Model(self.nominal, self.calibrated, (*self.causes, cause))
 
+    def with_cause(self, i: int, cause: Cause) -> "Model":
+        """The model with another cause in the place of its i-th one."""
+        return Model(self.nominal, self.calibrated, (*self.causes[:i], cause, *self.causes[i + 1 :]))
+
     @cached_property
     def unknowns(self) -> tuple[tuple[Unknown, ...], ...]:
         """Unknowns of each cause, for the rig that those before have extended."""
