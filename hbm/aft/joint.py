@@ -244,5 +244,5 @@ class JointOverPeriod(SteadyPeriod):
             inputs[:, at] = (now, before)[i // all_signals][i % all_signals]
         if self._loop is None:
             moving = slice(len(self.functions.reads))  # the time between samples, which is held, comes last
-            self._loop = Loop(self._local.to(moving), lambda: self._first_period().to(moving))
+            self._loop = Loop(self._local.to(moving), lambda: self._first_period().to(moving), often=True)
         return basis.coefficients(self._loop.changed(inputs))

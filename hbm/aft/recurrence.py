@@ -91,10 +91,13 @@ class Loop:
         Along the steady period.
     virgin : callable
         The slopes along the period before, from the virgin state. A contact that stays stuck remembers it.
+    often : bool
+        Whether it is asked many times, for which a matrix is worth its making.
     """
 
     slopes: Slopes
     virgin: Callable[[], Slopes]
+    often: bool = False
 
     @cached_property
     def _open(self) -> Array | None:
@@ -107,12 +110,26 @@ class Loop:
         return Loop(self.virgin(), self.virgin)
 
     @cached_property
+    def _anchors(self) -> tuple[npt.NDArray[np.intp], Array] | None:
+        """Where anchors stand, as :func:`anchored`; None where a state is none."""
+        return anchored(self.slopes, lambda: self._before.slopes)
+
+    def _dragged(self, inputs: Array) -> Array | None:
+        """Change of the outputs (N_t, outputs, c) where all states are anchors; None where one is not."""
+        if self._anchors is None:
+            return None
+        before, by_inputs = self._anchors
+        states, c = before.shape[1], inputs.shape[2]
+        moved = np.concatenate([by_inputs @ inputs, np.zeros((1, states, c))])  # the last for what nothing has dragged
+        z = moved[before, np.arange(states)]
+        return np.asarray(self.slopes.outputs_by_inputs @ inputs + self.slopes.outputs_by_states @ z)
+
+    @cached_property
     def _of_anchors(self) -> sparse.csr_array | None:
         """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors; None where one is not."""
-        anchors = anchored(self.slopes, lambda: self._before.slopes)
-        if anchors is None:
+        if self._anchors is None:
             return None
-        before, by_inputs = anchors
+        before, by_inputs = self._anchors
         k, i = np.nonzero(before >= 0)
         at, steps, inputs = before[k, i], np.arange(len(before)), by_inputs.shape[2]
         outputs = self.slopes.outputs
@@ -126,8 +143,11 @@ class Loop:
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
         slopes, n, (N_t, sizes, c) = self.slopes, self.slopes.states, inputs.shape
-        if self._of_anchors is not None:
+        if self.often and self._of_anchors is not None:
             return np.asarray((self._of_anchors @ inputs.reshape(N_t * sizes, c)).reshape(N_t, slopes.outputs, c))
+        dragged = None if self.often else self._dragged(inputs)
+        if dragged is not None:
+            return dragged
         begin = np.zeros((n, c))
         if self._open is None:
             begin = self._before._states(begin, inputs)[-1]

@@ -50,8 +50,21 @@ def put(values: Iterable[Array | None], which: Which, others: Iterable[Array | N
             mine[which] = theirs
 
 
+def amplitudes(coefficients: Array) -> npt.NDArray[np.complex128]:
+    """Amplitudes (R, H+1, ...) of coefficients (R, 2H+1, ...), as :meth:`hbm.fourier.FourierBasis.complex`."""
+    H = coefficients.shape[1] // 2
+    found = coefficients[:, : H + 1].astype(complex, order="C")  # in the order of its axes, so that rows are views
+    found[:, 1:].imag = -coefficients[:, H + 1 :]
+    return found
+
+
+def real(amplitudes: npt.NDArray[np.complex128]) -> Array:
+    """Coefficients (R, 2H+1, ...), inverse of :func:`amplitudes`."""
+    return np.concatenate([amplitudes.real, -amplitudes.imag[:, 1:]], axis=1)
+
+
 class Motions(NamedTuple):
-    """States of some balances: Q (R, 2H+1, n) and T (R, 2H+1)."""
+    """States of some balances: Q (R, 2H+1, n) and T (R, 2H+1), of joints (R, 2H+1, m)."""
 
     Q: Array
     T: Array
@@ -159,10 +172,9 @@ class Batch:
         """What a sensor reads of displacements (R, 2H+1) or (R, 2H+1, p) at its place."""
         H = self.basis.H
         factors = factor(sensor, 1j * self.Omega * np.arange(H + 1))
-        c = displacement[:, : H + 1].astype(complex)
-        c[:, 1:] -= 1j * displacement[:, H + 1 :]
+        c = amplitudes(displacement)
         c *= factors if displacement.ndim == 2 else factors[..., None]
-        return np.concatenate([c.real, -c.imag[:, 1:]], axis=1)
+        return real(c)
 
     def along(self, i: int, change: InputChange) -> Array:
         """Change of the friction of record `i`, where it was marched last, at the samples (N_t, p)."""

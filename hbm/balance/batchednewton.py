@@ -3,15 +3,16 @@
 The elimination is that of :class:`hbm.balance.elimination.Elimination`, for a frequency that is held.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
 from continuation.newton import FAST, FORGIVEN_GROWTH
-from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which, put, some
+from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which, amplitudes, put, real, some
 from hbm.balance.elimination import factored
+from hbm.balance.jointbatch import JointMatrices
 from hbm.balance.problem import TOLERANCE
 from hbm.fourier import Array
 
@@ -130,12 +131,7 @@ class Matrices:
 
     def _solve_coupled(self, which: Which, forces: Array) -> Array:
         """Motion (R, 2H+1, m, p) of the coupled modes under modal forces."""
-        H = self.batch.basis.H
-        c = forces[:, : H + 1].astype(complex)
-        c[:, 1:] -= 1j * forces[:, H + 1 :]
-        c *= some(self._receptance, which)[..., None]
-        motion, p = np.empty(forces.shape), forces.shape[3]
-        motion[:, : H + 1], motion[:, H + 1 :] = c.real, -c.imag[:, 1:]
+        motion, p = real(amplitudes(forces) * some(self._receptance, which)[..., None]), forces.shape[3]
         for at, i in enumerate(which):
             dense, lu, pivots = self._factored[i]
             flat = forces[at].reshape(-1, p)
@@ -200,38 +196,39 @@ class Matrices:
         return motion, np.asarray(dT)
 
 
-class Solved(NamedTuple):
+AnyMatrices = TypeVar("AnyMatrices", bound=Matrices | JointMatrices)
+
+
+class Solved(NamedTuple, Generic[AnyMatrices]):
     """Where Newton's method took the records of a batch: `converged` (R,) tells which got there."""
 
     motions: Motions
-    seen: Seen
+    seen: Any
     converged: npt.NDArray[np.bool_]
-    matrices: Matrices
+    matrices: AnyMatrices
 
-    @property
-    def batch(self) -> Batch:
-        """The balances that they solve."""
-        return self.matrices.batch
-
-    def of(self, which: Which) -> "Solved":
+    def of(self, which: Which) -> "Solved[AnyMatrices]":
         """Some of the records."""
-        return Solved(self.motions.of(which), self.seen.of(which), self.converged[which], self.matrices.of(which))
+        matrices: Any = self.matrices.of(which)
+        return Solved(self.motions.of(which), self.seen.of(which), self.converged[which], matrices)
 
 
 @np.errstate(all="ignore")  # a record that diverges is left to others
-def solve(batch: Batch, start: Motions, steps: int) -> Solved:
+def solve(matrices: AnyMatrices, start: Motions, steps: int) -> Solved[AnyMatrices]:
     """Steady states from nearby; those that no full step of Newton's method brings nearer are given up.
 
     Parameters
     ----------
-    batch : Batch
+    matrices : Matrices or JointMatrices
+        Of a batch, none of them worked out.
     start : Motions
     steps : int
         Matrices of each record, at most.
     """
+    batch: Any = matrices.batch
+    motions = Motions(start.Q.copy(), start.T.copy())
     every = np.arange(len(batch.problems))
-    motions, matrices = Motions(start.Q.copy(), start.T.copy()), Matrices(batch)
-    seen = batch.seen(motions, every)
+    seen: Any = batch.seen(motions, every)
     best, left = seen.norm.copy(), np.full(len(every), steps)
     stale, forgiven = np.ones(len(every), dtype=bool), np.zeros(len(every), dtype=bool)
     going = seen.norm > TOLERANCE
@@ -243,7 +240,7 @@ def solve(batch: Batch, start: Motions, steps: int) -> Solved:
             left[which[new]] -= 1
         dQ, dT = matrices.solve(which, -seen.modal[which, ..., None], -seen.contact[which, ..., None])
         trial = Motions(motions.Q[which] + dQ[..., 0], motions.T[which] + dT[..., 0])
-        there = batch.seen(trial, which)
+        there: Any = batch.seen(trial, which)
         better = there.norm < best[which]
         raised = ~better & new & ~forgiven[which] & (there.norm < FORGIVEN_GROWTH * best[which])
         stale[which] = ~(better & (there.norm <= FAST * seen.norm[which]))

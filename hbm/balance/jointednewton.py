@@ -55,6 +55,31 @@ class Modes:
         return np.asarray(left @ (self.receptance @ right.T))
 
 
+def felt(by_used: Array, seen: Complex) -> Array:
+    """Change of the forces of a joint with series whose effect on its signals is `seen`, record by record.
+
+    Parameters
+    ----------
+    by_used : (R, u, ports, 2H+1, 2H+1) array
+        Derivatives of the forces, see :class:`hbm.aft.joint.JointForces`.
+    seen : (R, H+1, u, r) array
+
+    Returns
+    -------
+    (R, 2H+1, ports, 2H+1, r) array
+    """
+    R, u, ports, size, _ = by_used.shape
+    H = size // 2
+    A = np.ascontiguousarray(by_used.transpose(0, 4, 2, 3, 1)).reshape(R, size, ports * size, u)
+    cosine, sine = A[:, : H + 1], A[:, H + 1 :]
+    out = np.empty((R, size, ports * size, seen.shape[3]))
+    out[:, : H + 1] = cosine @ seen.real
+    # a - i b is turned by what is seen: the sine column feeds the cosine with +imag, the cosine the sine with -imag
+    out[:, 1 : H + 1] -= sine @ seen.imag[:, 1:]
+    out[:, H + 1 :] = sine @ seen.real[:, 1:] + cosine[:, 1:] @ seen.imag[:, 1:]
+    return out.reshape(R, size, ports, size, seen.shape[3]).transpose(0, 3, 2, 1, 4)
+
+
 class JointLinearization:
     """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
 
@@ -116,31 +141,13 @@ class JointLinearization:
         seen = np.broadcast_to(rows, (H + 1, *rows.shape))
         return np.concatenate([seen, self.loads(j)], axis=1) if loaded else seen
 
-    def _felt(self, j: int, seen: Complex) -> Array:
-        """Change of the forces of joint j with series whose effect on its signals is `seen` (H+1, u, r).
-
-        Returns
-        -------
-        (2H+1, ports, 2H+1, r) array
-        """
-        H, size = self.problem.basis.H, self.problem.basis.size
-        by = self.forces[j].by_used
-        A = np.ascontiguousarray(by.transpose(3, 1, 2, 0)).reshape(size, by.shape[1] * size, len(by))
-        cosine, sine = A[: H + 1], A[H + 1 :]
-        out = np.empty((size, A.shape[1], seen.shape[2]))
-        out[: H + 1] = cosine @ seen.real
-        # a - i b is turned by what is seen: the sine column feeds the cosine with +imag, the cosine the sine with -imag
-        out[1 : H + 1] -= sine @ seen.imag[1:]
-        out[H + 1 :] = sine @ seen.real[1:] + cosine[1:] @ seen.imag[1:]
-        return out.reshape(size, by.shape[1], size, seen.shape[2]).transpose(2, 1, 0, 3)
-
     @cached_property
     def core(self) -> Array:
         """Derivative of the joint balances to the joint forces, modes following, (2H+1 m, 2H+1 m), unscaled."""
         size, m = self.problem.basis.size, len(self.problem.own)
         core = np.eye(size * m).reshape(size, m, size, m)
         for j, at in enumerate(self.problem.slices):
-            core[:, at] -= self._felt(j, self._seen(j))
+            core[:, at] -= felt(self.forces[j].by_used[None], self._seen(j)[None])[0]
         return core.reshape(size * m, size * m)
 
     @cached_property
@@ -151,8 +158,9 @@ class JointLinearization:
         by_modes, by_joints = np.zeros((size, m, size, n)), np.eye(size * m).reshape(size, m, size, m)
         for j, at in enumerate(problem.slices):
             beyond = self._beyond(j) + 0j
-            by_modes[:, at] -= self._felt(j, self._by_modes(j))
-            by_joints[:, at] -= self._felt(j, np.broadcast_to(beyond, (problem.basis.H + 1, *beyond.shape)))
+            by_used = self.forces[j].by_used[None]
+            by_modes[:, at] -= felt(by_used, self._by_modes(j)[None])[0]
+            by_joints[:, at] -= felt(by_used, np.broadcast_to(beyond, (1, problem.basis.H + 1, *beyond.shape)))[0]
         pushed = -np.einsum("kl,mn->knlm", np.eye(size), s.joints)
         J = np.block(
             [

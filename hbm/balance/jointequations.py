@@ -7,6 +7,7 @@ Scaling is that of :mod:`hbm.balance.equations`: a residual of 1e-10 means that 
 excitation.
 """
 
+from copy import copy
 from itertools import pairwise
 from typing import Self
 
@@ -43,15 +44,12 @@ class JointEquations(Scaled[JointedRig]):
     structure: JointedStructure
 
     def _set_up(self, like: Self | None) -> None:
-        rig, basis, s = self.rig, self.basis, self.structure
+        rig, s = self.rig, self.structure
         first = np.cumsum([0, *(j.law.ports for j in rig.joints)])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(first)]
         self.lent: Array = self._lendable() if like is None else like.lent
         self.own = self._own_compliances()
-        self.joints = [
-            JointOverPeriod(j.law, basis, float(self.own[at.start]), loaded=bool(j.loaded_by))
-            for j, at in zip(rig.joints, self.slices, strict=True)
-        ]
+        self.joints = self._over_period()
         self.flexibility = s.flexibility - np.diag(self.own)
         # velocities in limits of friction are those of the modes, docs/theory/equations.md section 3
         self.folds = np.array([j.law.folds for j in rig.joints for _ in range(j.law.ports)], dtype=bool)
@@ -59,6 +57,19 @@ class JointEquations(Scaled[JointedRig]):
         self.diagonal = bool(np.count_nonzero(s.damping - np.diag(s.damping.diagonal())) == 0)
         self.rigid = np.flatnonzero(s.omega_n == 0.0)
         self.adrift = self._adrift()
+
+    def at_level(self, level: float) -> Self:
+        """Return the same balance with another force amplitude [N], in its units, and laws of its own."""
+        other = copy(self)
+        other.level = level
+        other._in_units(other._units())
+        other.joints = self._over_period()
+        return other
+
+    def _over_period(self) -> list[JointOverPeriod]:
+        pairs = zip(self.rig.joints, self.slices, strict=True)
+        own, basis = self.own, self.basis
+        return [JointOverPeriod(j.law, basis, float(own[at.start]), loaded=bool(j.loaded_by)) for j, at in pairs]
 
     def _mobile(self) -> Array:
         """How much each port yields at rest, (m,) [m/N]; a rigid body as if it were on a soft spring."""
@@ -186,12 +197,13 @@ class JointEquations(Scaled[JointedRig]):
         moved += np.tensordot(state.Omega * basis.derivative(state.Q), s.damping, (1, 1))
         return np.asarray(moved - np.tensordot(state.T, s.joints, (1, 0)) - np.multiply.outer(F, s.excitation))
 
-    def forces(self, state: State) -> tuple[Array, Array, float]:
+    def forces(self, state: State, signals: list[Array] | None = None) -> tuple[Array, Array, float]:
         """Forces at the ports at the samples (N_t, m) [N], memory before the first, closure of the loops.
 
-        Those of the state that was looked at last are known.
+        Those of the state that was looked at last are known, and so may be the signals.
         """
-        found = [j.shown(s, state.Omega) for j, s in zip(self.joints, self.signals(state), strict=True)]
+        signals = self.signals(state) if signals is None else signals
+        found = [j.shown(s, state.Omega) for j, s in zip(self.joints, signals, strict=True)]
         memory = np.concatenate([[], *(j.memory for j in self.joints)])
         none = np.zeros((self.basis.N_t, 0))
         return np.hstack([none, *(f for f, _ in found)]), memory, max((closure for _, closure in found), default=0.0)

@@ -349,12 +349,14 @@ def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, chann
     return (supplied - damped - rubbed - taken) / largest
 
 
-def describe_joints(problem: JointEquations, state: State, hz: float) -> PeriodicSolution:
-    """Channels of a state of a rig with joints: its own, the drive, motion and force at every port."""
+def describe_joints(
+    problem: JointEquations, state: State, hz: float, signals: list[Array] | None = None
+) -> PeriodicSolution:
+    """Channels of a state of a rig with joints, whose signals may be known: its own, the drive, and those of ports."""
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
-    found, memory, closure = problem.forces(state)
+    signals = problem.signals(state) if signals is None else signals
+    found, memory, closure = problem.forces(state, signals)
     f, F = basis.coefficients(found), state.F * problem.force_shape
-
     own = state.Q @ s.channels.T + f @ s.channels_by_joints.T + np.outer(F, s.channels_by_force)
     moved = dict(zip((c.name for c in rig.response_channels), own.T, strict=True))
     channels: dict[str, Signal] = {
@@ -363,10 +365,8 @@ def describe_joints(problem: JointEquations, state: State, hz: float) -> Periodi
         else Series(UNITS[c.quantity], read(c, basis, moved[c.name], Omega), basis)
         for c in rig.channels
     }
-    drive = state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F
-    channels["drive"] = Series("m", drive, basis)
-    shown = [signals[:, : j.ports] for j, signals in zip(problem.joints, problem.signals(state), strict=True)]
-    shown = [column for signals in shown for column in signals.T]
+    channels["drive"] = Series("m", state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F, basis)
+    shown = [u for j, seen in zip(problem.joints, signals, strict=True) for u in seen[:, : j.ports].T]
     kept = np.where(problem.own > 0.0, np.minimum(problem.own, s.flexibility.diagonal()), 0.0)
     for i, (name, force, (unit, unit_of_force)) in enumerate(zip(rig.motions, rig.forces, rig.units, strict=True)):
         # a compliance of the body that its law takes into account follows the force beyond the harmonics kept; one that

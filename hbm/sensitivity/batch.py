@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.balance.batch import Slopes, Which, some
-from hbm.balance.batchednewton import Solved
+from hbm.balance.batchednewton import Matrices, Solved
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
 from hbm.sensitivity.held import mixing_of, still_of
@@ -50,8 +50,8 @@ class Changes:
 class _Held:
     """Derivatives to q numbers, unknowns held: of modal forces (R, 2H+1, n, q), and of u, rho, eta (R, 2H+1, q)."""
 
-    def __init__(self, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
-        self.batch = batch = found.batch
+    def __init__(self, found: Solved[Matrices], keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch = batch = found.matrices.batch
         self.Q, self.T, self.d = found.motions.Q, found.motions.T, change
         self.load, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, HZ))
         rig = batch.first.rig
@@ -116,8 +116,8 @@ class _Held:
 class _Balance:
     """Complete linearised balances, for changes (R, 2H+1, n, q) and (R, 2H+1, q) of their unknowns."""
 
-    def __init__(self, found: Solved, slopes: Slopes) -> None:
-        self.batch = batch = found.batch
+    def __init__(self, found: Solved[Matrices], slopes: Slopes) -> None:
+        self.batch = batch = found.matrices.batch
         self.slopes = slopes
         self._yielding = batch.yielding(np.arange(len(batch.problems)), found.motions, found.seen)
         synthesis = batch.basis.exact_products.synthesis
@@ -152,13 +152,13 @@ class _Balance:
 
 
 @np.errstate(all="ignore")  # what diverges is told by `solved`
-def _refined(found: Solved, balance: _Balance, modal: Array, contact: Array) -> tuple[Array, Array, Array]:
+def _refined(found: Solved[Matrices], balance: _Balance, modal: Array, contact: Array) -> tuple[Array, Array, Array]:
     """Solve the complete balances with matrices from nearby, refined until nothing changes; and tell which were."""
     if not found.matrices.known.all():  # of those that were solved where they started
         new = np.flatnonzero(~found.matrices.known)
         found.matrices.work_out(new, found.seen.of(new), found.motions.of(new))
     Q, T = np.zeros_like(modal), np.zeros_like(contact)
-    units = found.batch.q_unit, found.batch.contact_unit
+    units = found.matrices.batch.q_unit, found.matrices.batch.contact_unit
     which, sizes = np.arange(len(modal)), np.full((len(modal), modal.shape[3]), np.finfo(float).tiny)
     left, renewed = (modal, contact), np.zeros(len(modal), dtype=bool)
     for count in range(MOST_REFINEMENTS + 1):
@@ -187,7 +187,7 @@ def _refined(found: Solved, balance: _Balance, modal: Array, contact: Array) -> 
     return Q, T, solved
 
 
-def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str]) -> Changes:
+def changes_together(found: Solved[Matrices], keys: Sequence[str], sensors: Sequence[str]) -> Changes:
     """Derivatives of steady states that were found together.
 
     Parameters
@@ -198,7 +198,7 @@ def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str])
     sensors : sequence of str
         Response channels.
     """
-    batch = found.batch
+    batch = found.matrices.batch
     change = structure_change(batch.first.rig, tuple(keys))
     acting = [j for j, key in enumerate(keys) if not key.startswith(SENSORS)]
     own = StructureChange(*(part[acting] for part in change))
@@ -237,8 +237,8 @@ def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str])
 class _Read:
     """What sensors read of some states, and how it changes with p numbers."""
 
-    def __init__(self, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
-        self.batch, self.keys, self.d, (self.Q, self.T) = found.batch, keys, change, found.motions
+    def __init__(self, found: Solved[Matrices], keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch, self.keys, self.d, (self.Q, self.T) = found.matrices.batch, keys, change, found.motions
         self.given, self.d_places = found.seen.given, places_change(self.batch.first.rig, keys)
         self.hz = self._is(HZ)
         self.sensors = {c.name: c for c in self.batch.first.rig.response_channels}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.batchednewton import Solved
+from hbm.balance.batchednewton import Matrices, Solved
 from hbm.balance.elements import stacked
 from hbm.balance.places import Places
 from hbm.fourier import Array
@@ -50,9 +50,9 @@ class HeldPlaces:
     change: Array
 
     @classmethod
-    def of(cls, found: Solved, keys: tuple[str, ...], force: Array) -> "HeldPlaces":
+    def of(cls, found: Solved[Matrices], keys: tuple[str, ...], force: Array) -> "HeldPlaces":
         """Of records that were solved together, `force` (2H+1, p) the change of their excitation."""
-        batch, given = found.batch, found.seen.given
+        batch, given = found.matrices.batch, found.seen.given
         first, parts = batch.first, [np.zeros((*given.shape[:2], 0, len(keys)))]
         if first.elements is not None:
             moved = element_change(first.rig, keys, force)

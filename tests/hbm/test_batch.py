@@ -8,7 +8,7 @@ from rigs import ON_THE_BEAM, beam
 
 from hbm import sensitivities, steady_state
 from hbm.balance.batch import Batch, Motions, is_batched
-from hbm.balance.batchednewton import Solved, solve
+from hbm.balance.batchednewton import Matrices, Solved, solve
 from hbm.balance.problem import TOLERANCE, HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, described
 from hbm.outputerror.simulated import held_beside
@@ -27,7 +27,8 @@ once a period (2.0 to 3.5 N at 52 Hz with `sdfm`): rounding tells there on which
 def together(rig: Rig, starts: list[PeriodicSolution], hz: list[float], levels: list[float]) -> tuple[Batch, Solved]:
     first = HarmonicBalance(rig, starts[0].basis)
     batch = Batch([first.at_level(level) for level in levels], np.array(hz))
-    return batch, solve(batch, Motions(*(np.stack([getattr(s.state, name) for s in starts]) for name in "QT")), 15)
+    begin = Motions(*(np.stack([getattr(s.state, name) for s in starts]) for name in "QT"))
+    return batch, solve(Matrices(batch), begin, 15)
 
 
 @pytest.mark.parametrize("law", ON_THE_BEAM, ids=lambda law: law.name)
@@ -97,3 +98,23 @@ def test_what_can_be_solved_together_is_nonlinear_at_places_alone_and_the_same_i
     assert is_batched(replace(rig, drift=(Drift("contact.normal_load", 1e-3), Drift("contact.friction.mu", 1e-3))))
     assert not is_batched(replace(rig, drift=(Drift("beam.density", 1e-3),)))
     assert not is_batched(replace(rig, excitation=replace(rig.excitation, measured_harmonics=True)))
+
+
+@pytest.mark.parametrize("modes", (6, 10))
+def test_the_matrices_are_those_of_each_alone(modes: int) -> None:
+    """Steps are the same to rounding: with other ones Newton's method gets there too, in several times as many."""
+    rig = beam(modes=modes, foreshortening=True, load_variation=1.0)
+    starts = [steady_state(rig, f, harmonics=9, samples=128) for f in (47.0, 52.0)]
+    first = HarmonicBalance(rig, starts[0].basis)
+    matrices, every = Matrices(Batch([first.at_level(6.5)] * 2, np.array([47.1, 52.1]))), np.arange(2)
+    motions = Motions(*(np.stack([getattr(s.state, name) for s in starts]) for name in "QT"))
+    seen = matrices.batch.seen(motions, every)
+    matrices.work_out(every, seen, motions)
+    dQ, dT = matrices.solve(every, seen.modal[..., None], seen.contact[..., None])
+    for i, hz in enumerate((47.1, 52.1)):
+        x = first.pack(State(motions.Q[i], motions.T[i], 0.0, 6.5))[0]
+        here = first.linearize(x, first.lam_at(hz))
+        step = here.newton.solve_columns(np.zeros(first.size), 1.0, here.residual[:, None], 0.0)[0]
+        there = first.unpack(step[:, 0], 1.0)
+        assert np.abs(dQ[i, ..., 0] - there.Q).max() < 1e-9 * np.abs(there.Q).max()
+        assert np.abs(dT[i, ..., 0] - there.T).max() < 1e-9 * np.abs(there.T).max()
