@@ -12,15 +12,19 @@ from hbm.balance.jointed import JointBalance
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution, describe_joints
 from hbm.fourier import FourierBasis
+from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.simulated import simulated
+from hbm.outputerror.together import simulated_together
 from hbm.response.trace import steady_state
 from hbm.sensitivity.jointbatch import joint_changes_together
 from hbm.sensitivity.jointed import followed, joint_sensitivities, linearized
 from models import Iwan, Jenkins, LuGre
 from models.jointed import JointedRig
-from models.joints import Friction
+from models.joints import Friction, Joint, PolynomialSpring
 from models.parts import Channel, Drift
 from models.scalars import solution_numbers
 from tests.joints.rigs import beam_rig, made_up
+from tests.three_modes import rig_of, spectra_with_noise
 
 SENSORS = (
     Channel("a", "acceleration", at="a", gain=1.02, delay=3e-4),
@@ -82,6 +86,35 @@ def alike(these: np.ndarray, those: np.ndarray) -> None:
     """The same for each number, to what Newton's method leaves."""
     of_all = tuple(range(these.ndim - 1))
     assert np.all(np.abs(these - those).max(axis=of_all) <= 1e-8 * np.abs(those).max(axis=of_all))
+
+
+def test_records_of_a_measurement_are_those_of_each_alone() -> None:
+    """With what the history of a joint that sticks does to them."""
+    joints = (
+        Joint("stuck", Friction(Jenkins(0.4, 1e-5), 100.0), ("b",)),
+        Joint("spring", PolynomialSpring(cubic=1e9), ("a",)),
+    )
+    rig, hz, level = rig_of(joints=joints), np.array([19.5, 20.1, 20.6, 46.5]), np.array([1.0, 1.0, 0.5, 4.0])
+    there = [steady_state(rig, f, level=F, harmonics=7, samples=128) for f, F in zip(hz, level, strict=True)]
+    seen = {name: np.array([kept(s[name].coefficients) for s in there]) for name in ("a", "b", "c")}
+    campaign, _ = campaign_of(rig, spectra_with_noise(rig, seen, hz, level, np.random.default_rng(1)))
+    working, data, keys = campaign.numerics.working, campaign.data, ("joints.spring.cubic", "modal.frequencies_hz[1]")
+    starts = [record.start for record in data.records]
+    found = list(simulated_together(working.rig(rig), working.basis, data, keys, data.records, starts))
+    for record, start, one in zip(data.records, starts, found, strict=True):
+        other = simulated(working.rig(rig), working.basis, data, keys, record, start)
+        assert one is not None and other is not None
+        assert one.by_history is not None and one.by_history.shape[-1] == 1
+        for name in ("amplitudes", "by_keys", "by_force", "by_hz", "by_history", "Q_by_keys", "T_by_keys"):
+            these, those = getattr(one, name), getattr(other, name)
+            assert these.shape == those.shape
+            assert np.abs(these - those).max() <= 1e-8 * np.abs(those).max(), name
+
+
+def kept(coefficients: np.ndarray, most: int = 5) -> np.ndarray:
+    """Coefficients of the lowest harmonics."""
+    full = len(coefficients) // 2
+    return np.r_[coefficients[: most + 1], coefficients[full + 1 : full + 1 + most]]
 
 
 def test_a_record_that_leaves_the_numbers_is_given_up_and_the_others_found() -> None:
