@@ -15,7 +15,8 @@ from hbm.diagnosis.evidence import Evidence
 from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_background_of, rig_freed
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
-from hbm.diagnosis.predict import SAYS_NOTHING, WORSE, Predicted, foretells, pays_unseen, predicted
+from hbm.diagnosis.nocause import NoCause
+from hbm.diagnosis.predict import SAYS_NOTHING, WORSE, Predicted, errors_of, foretells, pays_unseen, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder, tells, within_noise
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
@@ -62,6 +63,7 @@ class Conclusion:
         if decision.best is not None and not self._paid(decision.best):
             self.decision = decision = search.without_second(decision, decision.best)
         self.best = None if decision.best is None else (decision.best, self._predicted(decision.best))
+        self._plain = NoCause(search.trust, search.nominal, self.decision.fits, self.campaign, self._scored)
 
     def _paid(self, best: Evaluation) -> bool:
         """Whether noise alone is left, or a second cause takes its share of the records held out too."""
@@ -113,6 +115,7 @@ class Conclusion:
         verdict = self.verdict
         best = self.decision.best if verdict in NAMED else None
         ties, seconds = ([], []) if best is None else self._ties(best)
+        told = self._plain.told(self.decision.base) if verdict == "consistent" else ()
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
@@ -125,7 +128,7 @@ class Conclusion:
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=(*self._evidence.lines(verdict, best, seconds), *self._to_hold_out(best)),
+            evidence=(*self._evidence.lines(verdict, best, seconds), *self._to_hold_out(best), *told),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
@@ -173,7 +176,7 @@ class Conclusion:
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
-        plain = self._agreeing(plain) if self.verdict == "consistent" else plain
+        plain = self._plain.agreeing(plain) if self.verdict == "consistent" else plain
         e = self._noise(best or plain)
         shares, untested = {} if best is None else dict(self._shares), best is not None and self._untested
         if untested:
@@ -200,9 +203,9 @@ class Conclusion:
         return scored.misfit.nrmse if scored is not None and alone else 0.0
 
     def _scored(self, e: Evaluation) -> Predicted | None:
-        """The best model, the rig file as it is or calibrated, on the records held out."""
-        if self.best is not None and e is self.best[0]:
-            return self.best[1]
+        """A model with causes, the rig file as it is or calibrated, on the records held out."""
+        if e.model.causes:
+            return self._predicted(e)
         return self.nominal if e is self.search.nominal else self.calibrated
 
     @cached_property
@@ -244,9 +247,10 @@ class Conclusion:
     def verdict(self) -> Verdict:
         """Verdict that follows from the decision, on the records fitted and those held out."""
         claimed = self._claimed
-        if claimed not in NAMED or self.best is None or self._lead > CLEAR or matters(self.best[0], self._std):
+        clear = self._lead > CLEAR and not self._untested if claimed in NAMED else True
+        if clear or self.best is None or matters(self.best[0], self._std):
             return claimed
-        return self._without_cause(self.search.calibrated)
+        return self._plain.verdict(self.search.calibrated)
 
     def _foretells(self, best: Evaluation) -> bool:
         """Whether a cause that leaves noise foretells the records held out, and is needed; transients have no size."""
@@ -257,10 +261,10 @@ class Conclusion:
     def _claimed(self) -> Verdict:
         """The verdict by how much is explained, however uncertain the numbers of the cause are."""
         if self.best is None:
-            return self._without_cause(self.decision.base)
+            return self._plain.verdict(self.decision.base)
         best, scored = self.best
         if self._lead <= DECISIVE:
-            return self._without_cause(self.search.calibrated)
+            return self._plain.verdict(self.search.calibrated)
         settled, least = best.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and foretells(scored, self.calibrated))):
@@ -269,12 +273,12 @@ class Conclusion:
         before = beyond_noise(self._before(best).white)
         agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
         if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
-            return self._without_cause(self.search.calibrated)
+            return self._plain.verdict(self.search.calibrated)
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
         if nearly and (settled or foretells(scored, self.calibrated)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
-        return "main-cause" if settled else self._without_cause(self.search.calibrated)
+        return "main-cause" if settled else self._plain.verdict(self.search.calibrated)
 
     @cached_property
     def _lead(self) -> float:
@@ -316,32 +320,6 @@ class Conclusion:
         better = calibrated is None or calibrated.misfit.fits or scored.misfit.chi2 < calibrated.misfit.chi2 + AS_GOOD
         return scored.misfit.fits and better
 
-    def _without_cause(self, base: Evaluation) -> Verdict:
-        """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
-        e, scored = self._noise(base := self._agreeing(base)), self._scored(base)
-        if nrmse(e.white) > SAYS_NOTHING:
-            return "unexplained"
-        if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):
-            return "consistent"
-        whites = [e.white, *([] if scored is None else [scored.evaluation.white])]
-        return "consistent" if all(beyond_noise(white) <= LARGEST for white in whites) else "unexplained"
-
-    def _agreeing(self, base: Evaluation) -> Evaluation:
-        """What is judged without a cause: the rig file as it is, where calibration ends at its bounds.
-
-        Or trades the response for its most precise harmonics: leaves more of it, of the records held out too.
-        """
-        nominal = self.search.nominal
-        if not self.search.tolerable(base):
-            return nominal
-        left, before = ([nrmse(self._noise(e).white), *self._unseen_nrmse(e)] for e in (base, nominal))
-        return nominal if all(a > b for a, b in zip(left, before, strict=True)) else base
-
-    def _unseen_nrmse(self, e: Evaluation) -> list[float]:
-        """Error of a model without a cause on the records held out, if there are any."""
-        scored = self._scored(e)
-        return [] if scored is None else [scored.errors.nrmse]
-
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
 
@@ -364,11 +342,7 @@ class Conclusion:
         models = dict(self.plain)
         if best is not None and self.best is not None:
             models["extended"] = (self._noise(best), self.best[1])
-        out = {}
-        for name, (e, scored) in models.items():
-            out[name] = {"train": Errors(nrmse(e.white), e.white.charged / len(e.white))}
-            out[name] |= {} if scored is None else {"held_out": scored.errors}
-        return out
+        return errors_of(models)
 
     @cached_property
     def _nrmse_held_out(self) -> list[float | None]:

@@ -150,6 +150,20 @@ def drifts_beyond_rooms(e: Evaluation) -> bool:
     return all(abs(e.values[i, "rate"]) * over > ROOM for i in _drifting(e))
 
 
+def of_a_room(fits: Iterable[Evaluation]) -> Evaluation | None:
+    """The first of some fits that has no cause but a drift of what a room does."""
+    drifts = (e for e in fits if len(e.model.causes) == 1 and _drifting(e) and not e.missing)
+    return next((e for e in drifts if not drifts_beyond_rooms(e)), None)
+
+
+def told_of_room(e: Evaluation) -> str:
+    """A sentence on such a drift."""
+    drift = e.model.causes[0]
+    assert isinstance(drift, ParameterDrift)
+    change = e.values[0, "rate"] * (max(e.found) - min(e.found))
+    return f"{drift.parameter} drifts by {change:+.2%} over all records: no cause, for rooms that grow warm do as much."
+
+
 def rooms_do(e: Evaluation, fits: Iterable[Evaluation], margin: float) -> bool:
     """Whether a drift of what a room does explains nearly as much as a larger one, its BIC higher by a margin at most.
 

@@ -1,6 +1,6 @@
 """Predictions of a fitted model for records that no fit has seen."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +39,15 @@ class Predicted:
     def errors(self) -> Errors:
         """Relative error, and noise variances on the mean."""
         return Errors(self.misfit.nrmse, self.evaluation.white.charged / len(self.evaluation.white))
+
+
+def errors_of(models: Mapping[str, tuple[Evaluation, Predicted | None]]) -> dict[str, dict[str, Errors]]:
+    """Errors of models on the records fitted and, where there are any, on those held out."""
+    return {
+        name: {"train": Errors(nrmse(e.white), e.white.charged / len(e.white))}
+        | ({} if scored is None else {"held_out": scored.errors})
+        for name, (e, scored) in models.items()
+    }
 
 
 def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:

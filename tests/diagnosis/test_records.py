@@ -18,6 +18,7 @@ from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import DECISIVE, evidence
+from hbm.diagnosis.nocause import NoCause
 from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels, rooms_do
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import coarse, screen, small
@@ -150,6 +151,22 @@ def test_a_drift_that_one_of_a_room_does_for_is_no_cause(measured):
     assert not rooms_do(large, [large, far_less], DECISIVE)
     assert not rooms_do(large, [large, replace(large, x=2.0 * large.x)], DECISIVE)
     assert not rooms_do(evaluate(Model(rig, {}), data, np.zeros(0), {}), [as_well], DECISIVE)
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(-0.5, "consistent"), (3.0, "unexplained")])
+def test_what_a_room_does_is_no_cause_and_told(measured, times, verdict):
+    """Where it leaves noise, and the rig file as it is does not; what drifts by more is no room."""
+    rig, data = measured
+    nominal = evaluate(Model(rig, {}), data, np.zeros(0), {})
+    model = Model(rig, {}, (ParameterDrift(E),))
+    rate = times * ROOM / (max(data.numbers) - min(data.numbers))
+    drift = evaluate(model, data, np.array([model.free[0].of(rate)]), {})
+    noise = np.random.default_rng(0).standard_normal(len(drift.white))
+    explains = replace(drift, white=replace(drift.white, residual=noise))
+    judged = NoCause(Model(rig, {}), nominal, [explains], data, lambda e: None)
+    assert judged.verdict(nominal) == verdict
+    assert [line[:36] for line in judged.told(nominal)] == ["beam.youngs_modulus drifts by -0.10%"] * (times < 0.0)
+    assert NoCause(Model(rig, {}), nominal, [drift], data, lambda e: None).verdict(nominal) == "unexplained"
 
 
 def test_phases_of_the_harmonics_are_those_of_the_file(measured):
