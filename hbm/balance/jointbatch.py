@@ -1,8 +1,8 @@
 """Balances of one rig with joints at several frequencies and forces, solved together.
 
 Records stand on a leading axis, as in :mod:`hbm.balance.batch`; the equations are those of
-:class:`hbm.balance.jointequations.JointEquations`. Bodies that move freely, or whose damping couples their modes, and
-what has many harmonics at many ports are solved one by one.
+:class:`hbm.balance.jointequations.JointEquations`. Bodies that move freely, and what has many harmonics at many ports
+are solved one by one.
 """
 
 from collections.abc import Sequence
@@ -28,9 +28,7 @@ def is_batched(rig: AnyRig, basis: FourierBasis) -> TypeGuard[JointedRig]:
     """Whether records of a rig with joints can be solved together."""
     if not isinstance(rig, JointedRig) or rig.excitation.measured_harmonics or rig.drift:
         return False
-    s = rig.structure
-    uncoupled = np.count_nonzero(s.damping) == np.count_nonzero(s.damping.diagonal())
-    return bool(uncoupled and (s.omega_n > 0.0).all() and rig.ports * basis.size <= MOST_UNKNOWNS)
+    return bool((rig.structure.omega_n > 0.0).all() and rig.ports * basis.size <= MOST_UNKNOWNS)
 
 
 class Seen(NamedTuple):
@@ -92,7 +90,7 @@ class JointBatch:
 
     def turned(self, Q: Array, which: Which) -> Array:
         """Dynamic stiffness times motions (R, 2H+1, n)."""
-        return real(self.stiffness[which] * amplitudes(Q))
+        return real(times(self.stiffness[which], amplitudes(Q)[..., None])[..., 0])
 
     def seen(self, motions: Motions, which: Which) -> Seen:
         """What motions of some of the records do, and leave."""
@@ -158,11 +156,16 @@ class JointMatrices:
     def __init__(self, batch: JointBatch) -> None:
         self.batch = batch
         R, size = len(batch.problems), batch.basis.size * len(batch.first.own)
-        least = SINGULAR * batch.structure.omega_n**2
-        self._receptance: Complex = np.asarray(1.0 / np.where(np.abs(batch.stiffness) < least, least, batch.stiffness))
+        self._receptance = self._inverted(batch.stiffness)
         self._core = np.empty((R, size, size))
         self.forces: list[list[JointForces]] = [[]] * R
         self.known = np.zeros(R, dtype=bool)
+
+    def _inverted(self, stiffness: Complex) -> Complex:
+        if stiffness.ndim == 4:
+            return np.asarray(np.linalg.inv(stiffness))
+        least = SINGULAR * self.batch.structure.omega_n**2
+        return np.asarray(1.0 / np.where(np.abs(stiffness) < least, least, stiffness))
 
     def of(self, which: Which) -> "JointMatrices":
         """Those of some records."""
@@ -180,10 +183,8 @@ class JointMatrices:
         size, m, k = batch.basis.size, len(batch.first.own), len(which)
         core = np.zeros((k, size, m, size, m))
         core[:] = np.eye(size * m).reshape(size, m, size, m)
-        s, receptance = batch.structure, self._receptance[which]
-        between: Complex = np.asarray(
-            (s.joints * receptance[:, :, None]) @ s.joints.T
-        )  # displacement at every port per force at every port, (k, H+1, m, m)
+        s = batch.structure
+        between = self._between(s.joints, which)
         for j, (ports, used) in enumerate(self._used(which)):
             core[:, :, ports] -= felt(self.by_used(which, j), self._by_ports(j, used, between, which))
         self._core[which] = core.reshape(k, size * m, size * m)
@@ -208,9 +209,15 @@ class JointMatrices:
             elif i < 2 * m:
                 parts.append(between[:, :, at.start + i - m] + first.flexibility_of_rate[at.start + i - m])
             else:
-                by_mode = self._loads(j, which) * self._receptance[which]
-                parts.append(by_mode @ s.joints.T + s.loads_by_joints[j])
+                by_force = self._between(self._loads(j, which)[:, :, None], which)
+                parts.append(by_force[:, :, 0] + s.loads_by_joints[j])
         return np.stack(parts, axis=2)
+
+    def _between(self, rows: Array | Complex, which: Which) -> Complex:
+        """What rows of the modes (r, n) or (R, H+1, r, n) see per force at every port, (R, H+1, r, m)."""
+        receptance = self._receptance[which]
+        seen = rows @ receptance if receptance.ndim == 4 else rows * receptance[:, :, None]
+        return np.asarray(seen @ self.batch.structure.joints.T)
 
     def _loads(self, j: int, which: Which) -> Complex:
         """What loads joint j per mode, (R, H+1, n)."""
@@ -233,12 +240,17 @@ class JointMatrices:
 
     def solve(self, which: Which, modal: Array, contact: Array) -> tuple[Array, Array]:
         """Motion (R, 2H+1, n, p) and forces (R, 2H+1, m, p) whose balances are these, of the same shapes."""
-        receptance, (k, size, m, p) = self._receptance[which][..., None], contact.shape
-        Q = real(receptance * amplitudes(modal))
+        receptance, (k, size, m, p) = self._receptance[which], contact.shape
+        Q = real(times(receptance, amplitudes(modal)))
         core = (contact + self._law_of(which, Q)).reshape(k, size * m, p)
         T: Array = np.asarray(np.linalg.solve(self._core[which], core)).reshape(contact.shape)
-        Q += real(receptance * amplitudes(self.batch.structure.joints.T @ T))
+        Q += real(times(receptance, amplitudes(self.batch.structure.joints.T @ T)))
         return Q, T
+
+
+def times(matrices: Complex, columns: Complex) -> Complex:
+    """Products (R, H+1, n, p) of matrices (R, H+1, n, n), or diagonals (R, H+1, n), with columns (R, H+1, n, p)."""
+    return np.asarray(matrices @ columns if matrices.ndim == 4 else matrices[..., None] * columns)
 
 
 def followed(by_used: Array, seen: Array) -> Array:
