@@ -115,7 +115,7 @@ class Conclusion:
         verdict = self.verdict
         best = self.decision.best if verdict in NAMED else None
         ties, seconds = ([], []) if best is None else self._ties(best)
-        told = self._plain.told(self.decision.base) if verdict == "consistent" else ()
+        told = self._plain.told(self.decision.base) if verdict == "consistent" else ""
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
@@ -124,11 +124,12 @@ class Conclusion:
             not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
             seconds=tuple(map(beside_it, seconds)),
+            room=told,
             remainder=self._remainder(best),
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=(*self._evidence.lines(verdict, best, seconds), *self._to_hold_out(best), *told),
+            evidence=(*self._evidence.lines(verdict, best, seconds), *self._to_hold_out(best), *filter(None, [told])),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,

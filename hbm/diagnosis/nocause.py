@@ -1,6 +1,6 @@
 """What is judged where no cause is named: the rig file as it is, calibrated, or with what a room does to it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from hbm.diagnosis.calibrate import tolerable
@@ -67,10 +67,9 @@ class NoCause:
             base = self.nominal
         return base if self._fits(base) or self._room is None else self._room
 
-    def told(self, base: Evaluation) -> Iterator[str]:
-        """What a room does, where that is judged."""
-        if self._room is not None and self.agreeing(base) is self._room:
-            yield told_of_room(self._room)
+    def told(self, base: Evaluation) -> str:
+        """What a room does, where that is judged; else nothing."""
+        return "" if self._room is None or self.agreeing(base) is not self._room else told_of_room(self._room)
 
     @cached_property
     def _room(self) -> Evaluation | None:

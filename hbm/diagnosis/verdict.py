@@ -94,6 +94,8 @@ class Diagnosis(Displayed):
         The measurement that would; empty where none that was simulated would.
     seconds : tuple of str
         Of two causes what these records cannot tell from the second one, with its numbers.
+    room : str
+        What a room does to the structure, where noise is left beside it and not without.
     remainder : Remainder
         The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
@@ -139,6 +141,7 @@ class Diagnosis(Displayed):
     tried: tuple[Evaluation, ...] = field(default=(), repr=False)
     noise: str = field(default="noise", repr=False)
     seconds: tuple[str, ...] = ()
+    room: str = ""
 
     @property
     def floored(self) -> bool:

@@ -89,6 +89,8 @@ def _wrong(d: Diagnosis, where: str) -> str:
     if d.remainder.structured:
         more = f"of which {percent(d.remainder.size)} are more" if d.remainder.size else "as a whole no more"
         return f"Little. The {missed}, {more} than noise."
+    if d.room:
+        return f"Nothing but what a room does. The {missed}: beside a drift noise alone is left."
     if _told_by_numbers(d):
         return f"Numbers of the rig file, within their tolerances. The {missed}: what is left then is noise."
     return f"Nothing. The {missed}, which is noise."
@@ -104,6 +106,8 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         yield from _missing(force)
     elif d.remainder.structured:
         yield "No cause that was tried takes most of what is left."
+    elif d.room:
+        yield d.room
     elif _fits_as_it_is(d):
         yield "No cause that was tried makes the records decisively likelier."
     elif told := _told_by_numbers(d):
@@ -262,6 +266,8 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
         yield from _where_to_look(d, force)
     elif d.remainder.structured:
         yield NEW_MOUNTING.format(f"What does not repeat{' beyond what counts already' if d.noise != 'noise' else ''}")
+    elif d.room:
+        yield "Note the temperature of the structure beside each record, or repeat some of the first at the end."
     elif d.verdict == "consistent":
         yield "Nothing for these records. Levels, modes and harmonics that were not measured may still show something."
 

@@ -165,7 +165,7 @@ def test_what_a_room_does_is_no_cause_and_told(measured, times, verdict):
     explains = replace(drift, white=replace(drift.white, residual=noise))
     judged = NoCause(Model(rig, {}), nominal, [explains], data, lambda e: None)
     assert judged.verdict(nominal) == verdict
-    assert [line[:36] for line in judged.told(nominal)] == ["beam.youngs_modulus drifts by -0.10%"] * (times < 0.0)
+    assert judged.told(nominal)[:36] == ("beam.youngs_modulus drifts by -0.10%" if times < 0.0 else "")
     assert NoCause(Model(rig, {}), nominal, [drift], data, lambda e: None).verdict(nominal) == "unexplained"
 
 
