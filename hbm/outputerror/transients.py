@@ -95,7 +95,7 @@ def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:
     start = np.zeros(len(matrix))
     start[: 2 * n] = -np.concatenate([last @ state.Q, state.Omega * (last @ basis.derivative(state.Q))])
     start[2 * n] = -disturbance.law.T[-1]
-    exponents, starts = _excited(matrix, start, disturbance.law.undying, state.Omega)
+    exponents, starts = _excited(matrix, start, state.Omega)
     since = (basis.theta + basis.theta[1]) / state.Omega
     return exponents, disturbance.motion(starts) * np.exp(-np.outer(since, exponents))[:, None]
 
@@ -104,7 +104,7 @@ def _at_joints(rig: JointedRig, solution: PeriodicSolution) -> tuple[Complex, Co
     """As :func:`_at_contact` of a rig with joints, by the time step along the solution."""
     along = along_solution(JointBalance(rig, solution.basis, level=solution.level), solution.state)
     steps = along.steps
-    exponents, starts = _excited(along.monodromy, -along.start, along.undying, solution.state.Omega)
+    exponents, starts = _excited(along.monodromy, -along.start, solution.state.Omega)
     s, layout, m = rig.structure, along.layout, len(exponents)
     y = np.empty((len(steps), len(starts), 2 * m))
     y[0] = np.hstack([starts.real, starts.imag])  # a product of a real matrix with a complex one copies it first
@@ -116,15 +116,15 @@ def _at_joints(rig: JointedRig, solution: PeriodicSolution) -> tuple[Complex, Co
     return exponents, seen * np.exp(-np.outer(since, exponents))[:, None]
 
 
-def _excited(matrix: Array, start: Array, undying: int, Omega: float) -> tuple[Complex, Complex]:
+def _excited(matrix: Array, start: Array, Omega: float) -> tuple[Complex, Complex]:
     """Exponents (m,) of the motions of a monodromy that a start excites, and what is left of each later, (size, m).
 
-    Those nearest to standing still, `undying`, are means that history decides.
+    What has not moved by a share of :data:`FADED` until then is a mean that history decides.
     """
     multipliers, adjoint, vectors = eig(matrix, left=True)
     left = np.minimum(np.abs(multipliers), 1.0) ** WAITED
-    kept = (multipliers.imag >= 0.0) & (left > FADED)  # one of each pair
-    kept[np.argsort(np.abs(multipliers - 1.0))[:undying]] = False
+    still = np.abs(multipliers - 1.0) * WAITED < FADED
+    kept = (multipliers.imag >= 0.0) & (left > FADED) & ~still  # one of each pair
     adjoint, vectors = adjoint[:, kept].conj(), vectors[:, kept]
     size = left[kept] * (start @ adjoint) / np.sum(adjoint * vectors, axis=0)
     return np.log(multipliers[kept].astype(complex)) * Omega / (2 * np.pi), vectors * size

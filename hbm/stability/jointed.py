@@ -119,14 +119,11 @@ class Along:
         Derivative of the state after each step to that before.
     layout : Layout
         Parts of a state.
-    undying : int
-        See :class:`hbm.stability.multipliers.Stability`.
     """
 
     start: Array
     steps: Array
     layout: Layout
-    undying: int
 
     @property
     def monodromy(self) -> Array:
@@ -142,10 +139,10 @@ def along_solution(problem: JointBalance, state: State) -> Along:
     ArithmeticError
         If a step along the solution cannot be solved.
     """
-    x, undying = state_at_phase_zero(problem, state), sum(j.undying for j in problem.joints)
+    x = state_at_phase_zero(problem, state)
     marcher, X = _following(problem, state.Omega / (2 * np.pi), state.F, x)
     steps = marcher.step.jacobians(np.vstack([x, X[:-1]]), X, marcher.told)
-    return Along(x, steps, marcher.step.layout, undying)
+    return Along(x, steps, marcher.step.layout)
 
 
 def _following(problem: JointBalance, hz: float, level: float, x: Array) -> tuple[JointMarcher, Array]:

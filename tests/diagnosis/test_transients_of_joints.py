@@ -16,12 +16,14 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
+from hbm.outputerror.transients import transients
+from hbm.response.trace import steady_state
 from models.causes import all_candidates
 from models.causes.joints import CubicStiffness, LocalDamper
 from models.causes.records import NotSteady
 from models.friction import Jenkins
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Friction, Joint
+from models.joints import CubicSpring, Friction, Joint, PlaneFriction
 from tests import three_modes
 from tests.three_modes import HZ as ONCE
 from tests.three_modes import NOMINAL, OFF, SENSORS, spectra_with_noise
@@ -132,6 +134,15 @@ def test_a_joint_that_is_missing_has_an_order(name: str) -> None:
     campaign, base, e = beside((), measured(CASES[name][0], STEADY))
     assert per_coefficient(base) > 3.0 and ordered(base, campaign)
     assert per_coefficient(e) < 0.5 * per_coefficient(base)
+
+
+def test_what_sticks_where_it_once_reached_its_limit_is_a_mean_and_no_transient() -> None:
+    """Friction in a plane that has shaken down touches its circle by rounding: the balance may say slip."""
+    for mu in (1.0, 0.9997 * 0.4503200062453747):  # which only just suffices
+        rig = rig_of((Joint("pad", PlaneFriction(mu, 3000.0, 1.0, 2000.0), ("c", "a", "b")),))
+        found = transients(rig, steady_state(rig, 19.0, harmonics=H, samples=64), H)
+        np.testing.assert_allclose(found.decay, (1.8900, 3.5389), rtol=1e-3)
+        assert np.isfinite(found.coefficients).all()
 
 
 def test_they_are_offered_once() -> None:
