@@ -18,6 +18,9 @@ MOST_STEPS = 32768
 GROWTH_TOLERANCE = 1e-3
 """Tolerance of the growth in a period about rest; rounding splits the double root of a rigid motion by less."""
 
+AT_ONCE = 128
+"""Steps whose derivatives are held at once: those of a period of thousands take longer to store than to multiply."""
+
 
 def resolving_steps(rig: JointedRig, hz: float, least: int) -> int:
     """Steps per period in which no mode turns by more than a radian: `least`, or twice as many as often as needed.
@@ -114,4 +117,7 @@ class JointMarcher:
 
     def monodromy(self, x: Array, X: Array) -> Array:
         """Derivative of the state after a period from `x`, marched as `X`, to that before."""
-        return monodromy(self.step.jacobians(np.vstack([x, X[:-1]]), X, self.told))
+        before = np.vstack([x, X[:-1]])
+        parts = (slice(first, first + AT_ONCE) for first in range(0, len(X), AT_ONCE))
+        stretches = [monodromy(self.step.jacobians(before[at], X[at], self.told[at])) for at in parts]
+        return monodromy(np.array(stretches))

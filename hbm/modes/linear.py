@@ -13,7 +13,7 @@ from hbm.fourier import FourierBasis
 from hbm.modes.rest import at_rest
 from models.display import Displayed
 from models.jointed import AnyRig, JointedRig
-from models.joints import Friction, JointLaw
+from models.joints import Friction, JointLaw, PlaneFriction
 from models.rig import Rig
 from models.structure import Array
 
@@ -146,7 +146,17 @@ def stuck_modes(rig: AnyRig) -> tuple[Array, Array]:
 
 
 class Touching:
-    """All that touches at rest, under small motions of the ports."""
+    """All that touches at rest, under small motions of the ports.
+
+    Attributes
+    ----------
+    ports : list of slice
+        Of each joint.
+    rigid : list of int
+        Ports that are held rigidly.
+    sliding : list of int
+        Ports along which nothing acts: their joints are open at rest.
+    """
 
     def __init__(self, rig: AnyRig) -> None:
         self.rig, basis, rest = rig, FourierBasis(1, SAMPLES), at_rest(rig)
@@ -160,10 +170,17 @@ class Touching:
         first = np.cumsum([0, *(law.ports for law in laws)])
         self.ports = [slice(int(a), int(b)) for a, b in pairwise(first)]
         own = np.zeros(len(moved))
+        open_ = [_open(law, rest.T[:, at]) for law, at in zip(laws, self.ports, strict=True)]
         for law, at in zip(laws, self.ports, strict=True):
             moved[at][: law.drifting] = 0.0  # what sticks does so where it is at rest
             own[at.start] = flexibility[at.start, at.start] * law.set_valued
-        holding = [at.start for law, at in zip(laws, self.ports, strict=True) if law.set_valued]
+        touching = [(law, at) for law, at, loose in zip(laws, self.ports, open_, strict=True) if not loose]
+        holding = [at.start for law, at in touching if law.set_valued]
+        self.sliding = [
+            port
+            for law, at, loose in zip(laws, self.ports, open_, strict=True)
+            for port in range(at.start, at.start + law.drifting * loose)
+        ]
         self.rigid = [port for port in holding if not own[port]]
         self.yielding = flexibility - np.diag(own)
         self.laws = [
@@ -185,6 +202,7 @@ class Touching:
         K = np.zeros((m, m), dtype=complex)
         for (period, mean), at in zip(self.laws, self.ports, strict=True):
             K[at, at] = _small(period, max(omega, slow), mean)
+        K[self.sliding] = 0.0  # within limits that are zero laws have no one slope
         return np.asarray(K @ np.linalg.inv(np.eye(m) + self.yielding @ K))
 
     @property
@@ -313,6 +331,11 @@ def _natural(roots: Complex, unit: float, unheld: int) -> tuple[Array, Array]:
     )
     ascending = np.argsort(omega, kind="stable")
     return omega[ascending], ratio[ascending]
+
+
+def _open(law: JointLaw, forces: Array) -> bool:
+    """Whether a joint that may separate does so at rest, by its forces there (1, ports)."""
+    return isinstance(law, Friction | PlaneFriction) and bool(law.separated(forces).all())
 
 
 def _small(period: JointOverPeriod, omega: float, mean: Array) -> Complex:

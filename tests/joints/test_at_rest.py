@@ -9,8 +9,9 @@ from scipy.linalg import eigvalsh
 from continuation import ConvergenceError
 from hbm import linear_modes, nonlinear_mode, phase_resonance
 from hbm.modes.backbone import Backbone
-from models import Coulomb
+from models import Coulomb, Iwan, Jenkins, LuGre
 from models.bodies.modal import ModalModel
+from models.friction import FrictionLaw
 from models.jointed import JointedRig
 from models.joints import Friction, Joint, PlaneFriction, Stop
 from models.parts import Damping, Excitation
@@ -49,6 +50,17 @@ def test_a_pressed_stop_closes_friction_in_a_plane() -> None:
     assert -6e-4 < rest[0] and 1e5 * np.hypot(*rest[1:]) < 0.5 * load  # the stop is closed, the contact sticks
     expected = np.sqrt(eigvalsh(joined)) / (2 * np.pi)
     assert linear_modes(rig).stuck_hz == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "law", [Jenkins(0.4, 1e-6), Coulomb(0.4), Iwan(0.4, 1e6), LuGre(0.5, 0.3, 1e-3, 4e6, 200.0, 1.0)]
+)
+def test_friction_that_is_open_at_rest_leaves_the_modes_of_the_body(law: FrictionLaw) -> None:
+    body = ModalModel((20.0, 50.0), {"a": (1.0, 0.5), "b": (0.3, -0.8)}, ((1e-6, 0.0), (0.0, 1e-6)))
+    gap = Joint("gap", Friction(law, -2.0, 4e3, 2.0), ("a", "b"))
+    modes = linear_modes(JointedRig("gap", body, Damping(modal_ratios=(0.01,)), (gap,), Excitation(1.0, at="a")))
+    np.testing.assert_allclose(modes.stuck_hz, modes.sliding_hz, rtol=1e-12)
+    np.testing.assert_allclose(modes.stuck_damping_ratio, 0.01, rtol=1e-12)
 
 
 def free_vibration(start: float, steps: int = 200_000) -> tuple[float, float]:
