@@ -16,7 +16,7 @@ from hbm.outputerror.records import Measurement, parts
 from hbm.sensitivity.jointed import followed
 from models.jointed import JointedRig
 from models.joints.law import numbers
-from models.joints.rubbing import Friction
+from models.joints.rubbing import Friction, PlaneFriction
 
 LOSSLESS = 1e-9
 """Of the largest loop that force and motion could close, the loss of a contact or a joint that sticks."""
@@ -56,17 +56,30 @@ def history_of_joints(here: JointLinearization, solution: PeriodicSolution, data
 
 
 def spare_forces(rig: JointedRig, solution: PeriodicSolution) -> Iterator[tuple[int, float]]:
-    """Ports of joints that never slip under a constant load, and what each can hold beside what oscillates [N]."""
+    """Ports of joints that never slip, and what each can hold beside what oscillates [N].
+
+    Not of joints that a reaction loads.
+    """
     port = 0
     for joint in rig.joints:
         law = joint.law
-        if isinstance(law, Friction) and law.normal_stiffness is None and not joint.loaded_by:
-            known = numbers(law)
-            limit = max((known[n] for n in ("mu", "mu_static") if n in known), default=0.0) * known["normal_load"]
-            spare = limit - float(np.ptp(solution[rig.forces[port]].samples)) / 2.0
-            if spare > 0.0 and _sticks(rig, solution, port):
-                yield port, spare
+        if isinstance(law, Friction | PlaneFriction) and not joint.loaded_by:
+            along = range(port, port + law.drifting)
+            forces = np.column_stack([solution[name].samples for name in rig.forces[port : port + law.ports]])
+            spare = _spare(law, forces)
+            if spare.min() > 0.0 and all(_sticks(rig, solution, i) for i in along):
+                yield from zip(along, spare.tolist(), strict=True)
         port += law.ports
+
+
+def _spare(law: Friction | PlaneFriction, forces: Array) -> Array:
+    """Half of the range of the mean along each tangential port (t,) of a law with such forces (N, ports) [N]."""
+    known, tangential = numbers(law), forces[:, : law.drifting]
+    mu = max((known[n] for n in ("mu", "mu_static") if n in known), default=0.0)
+    pressed = max(known["normal_load"], 0.0) - forces[:, law.drifting :].sum(axis=1)
+    across = np.sum(tangential**2, axis=1, keepdims=True) - tangential**2
+    room = np.sqrt(np.maximum((mu * pressed[:, None]) ** 2 - across, 0.0))
+    return np.asarray((np.min(room - tangential, axis=0) + np.min(room + tangential, axis=0)) / 2.0)
 
 
 def _sticks(rig: JointedRig, solution: PeriodicSolution, port: int) -> bool:
