@@ -3,7 +3,7 @@
 A band of frequencies is cut out and turned to rest (complex demodulation); what is left, A exp(i phi), changes slowly.
 In short windows its logarithm is a straight line over time: the slope is -zeta omega + i (omega - omega_0). Samples are
 taken so far apart that the band's noise is independent from one to the next, so that what they scatter about the line
-says what the slope is known to.
+says what the slope is known to. So does a tone that goes on beneath (:mod:`hbm.measurement.tone`).
 
 Decays of the same structure are put together by amplitude (:func:`over_amplitude`): what they differ by is the
 uncertainty then, and what may change within a window. That is a bias common to all blows, so that five alike are known
@@ -24,6 +24,7 @@ from hbm.labelled import frame
 from hbm.measurement.clipping import clipped, flat_topped
 from hbm.measurement.freely import not_free, other_modes
 from hbm.measurement.recording import Recording
+from hbm.measurement.tone import Tone, steady_tone
 from models.display import Displayed
 
 CYCLES, FALL = 16, 1.5
@@ -166,27 +167,33 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     kept, warnings = _below_flat_tops(recorded, channel)
     t, z, hz, apart = _demodulated(kept, channel, band)
     size = max(FEWEST, round(CYCLES / hz / apart))
-    clear = np.abs(z) > max(CLEAR * _noise(z), LEAST * np.abs(z).max())
+    falls = _smooth(np.abs(z), size)
+    tone = steady_tone(t, z)
+    if tone is not None:
+        warnings += (f"{kept.source}: {channel} {tone.said(hz)}",)
+    below = float(np.hypot(_noise(z), tone.amplitude if tone else 0.0))
+    clear = falls > max(CLEAR * below, LEAST * falls.max())
     if clear.any() and not clear[0]:
         raise InputError(
             f"{kept.source}: {channel} is at rest for {t[int(np.argmax(clear))] - kept.time[0]:.3g} s between "
             f"{band[0]:g} and {band[1]:g} Hz; must begin in motion: leave out what is before (--settle)"
         )
     end = len(z) if clear.all() else int(np.argmin(clear))
-    windows = list(_windows(np.abs(z[:end]), size))
+    windows = list(_windows(falls[:end], size))
     if not windows:
+        hint = f"{channel} {tone.said(hz)}" if tone else "try a wider band"
         raise InputError(
             f"{kept.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
-            f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; try a wider band"
+            f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; {hint}"
         )
-    rows = [_window(t[i:j], z[i:j]) for i, j in windows]
+    rows = [_window(t[i:j], z[i:j], falls[i:j], tone) for i, j in windows]
     amplitude, slope, noise = (np.array(column) for column in zip(*rows, strict=True))
     omega = 2 * np.pi * hz + slope.imag
     hz_std, rate_std = (_deviations(part, noise) for part in (slope.imag, slope.real))
     until = t[[j - 1 for _, j in windows]]
     length, begin = round(CYCLES / (hz * kept.step)), t[[i for i, _ in windows]]
     warnings += not_free(kept.source, channel, until, amplitude, -slope.real / omega, rate_std / omega) or other_modes(
-        kept, channel, band[1], hz, length, begin
+        kept, channel, band[1], omega / (2 * np.pi), length, begin
     )
     return Decay(
         source=recorded.source,
@@ -334,6 +341,17 @@ def _noise(z: npt.NDArray[np.complex128]) -> float:
     return float(np.sqrt(np.mean(np.abs(np.diff(last, 2)) ** 2) / 6.0))
 
 
+def _smooth(size: Array, most: int) -> Array:
+    """Amplitudes as they fall, without their noise.
+
+    A window that ended where noise happens to lie low, and began there, would say too little damping.
+    """
+    from scipy.signal import savgol_filter
+
+    length = min(most, len(size)) // 2 * 2 - 1
+    return np.asarray(np.exp(savgol_filter(np.log(size), length, 1)))
+
+
 def _windows(size: Array, most: int) -> Iterator[tuple[int, int]]:
     """Begin and end of windows side by side, over amplitudes that fall."""
     begin = 0
@@ -359,15 +377,16 @@ def _deviations(slope: Array, noise: Array) -> Array:
     return np.hypot(noise, within)
 
 
-def _window(t: Array, z: npt.NDArray[np.complex128]) -> tuple[float, complex, float]:
+def _window(t: Array, z: npt.NDArray[np.complex128], falls: Array, tone: Tone | None) -> tuple[float, complex, float]:
     """Amplitude in the middle, slope of the logarithm [1/s], and the standard deviation of each of its parts."""
     x = t - t.mean()
     log = np.log(np.abs(z)) + 1j * np.unwrap(np.angle(z))
-    weight = np.abs(z) ** 2 / np.mean(np.abs(z) ** 2)  # noise of the logarithm goes with 1/A
+    weight = falls**2 / np.mean(falls**2)  # noise of the logarithm goes with 1/A
     mean, centre = np.average(log, weights=weight), np.average(x, weights=weight)
     spread = np.sum(weight * (x - centre) ** 2)
     slope = complex(np.sum(weight * (x - centre) * (log - mean)) / spread)
     left = log - mean - slope * (x - centre)
     variance = float(np.sum(weight * np.abs(left) ** 2)) / (2 * (len(x) - 2) - 2)  # of Student's distribution
     at_middle = float(np.exp((mean - slope * centre).real))
-    return at_middle, slope, float(np.sqrt(variance / spread))
+    by_tone = 0.0 if tone is None else abs(np.sum(weight * (x - centre) * tone.beside(t, log)) / spread) ** 2 / 2.0
+    return at_middle, slope, float(np.sqrt(variance / spread + by_tone))

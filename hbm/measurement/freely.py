@@ -45,19 +45,21 @@ def not_free(source: str, channel: str, until: Array, amplitude: Array, ratio: A
 
 
 def other_modes(
-    recorded: Recording, channel: str, high: float, hz: float, length: int, begin: Array
+    recorded: Recording, channel: str, high: float, hz: Array, length: int, begin: Array
 ) -> tuple[str, ...]:
     """Warning of modes above the band that move the channel by a share that counts, as displacements compare.
 
-    Lines beside multiples of the frequency are those of the mode itself. A unit that is not stated is taken for that of
-    an acceleration, of which high frequencies count least.
+    Lines beside multiples of its frequency there are those of the mode itself. A unit that is not stated is taken for
+    that of an acceleration, of which high frequencies count least.
 
     Parameters
     ----------
     recorded : Recording
     channel : str
-    high, hz : float
-        Upper end of the band, and frequency of the mode [Hz].
+    high : float
+        Upper end of the band [Hz].
+    hz : (m,) array
+        Frequency of the mode in each piece [Hz].
     length : int
         Samples of a piece.
     begin : (m,) array
@@ -66,15 +68,16 @@ def other_modes(
     step, y = recorded.step, recorded.channels[channel]
     f = np.fft.rfftfreq(length, step)
     width = LOBE / (length * step)
-    above = (f > high + width) & (np.abs(f - hz * np.round(f / hz)) > width)
-    own = np.abs(f - hz) <= width
-    weight = (hz / np.maximum(f, f[1])) ** POWERS.get(recorded.units.get(channel, ""), 2)
     shares = []
-    for first in np.round((begin - recorded.time[0]) / step).astype(int):
+    for first, mode in zip(np.round((begin - recorded.time[0]) / step).astype(int), hz, strict=True):
+        above = (f > high + width) & (np.abs(f - mode * np.round(f / mode)) > width)
+        own = np.abs(f - mode) <= width
+        weight = (mode / np.maximum(f, f[1])) ** POWERS.get(recorded.units.get(channel, ""), 2)
         piece = y[first : first + length]
         power = np.abs(np.fft.rfft((piece - piece.mean()) * np.hanning(len(piece)), length)) ** 2
-        moved = np.where(power > CLEAR * np.median(power[above]), power, 0.0) * weight**2
-        shares.append(float(np.sqrt(np.sum(moved[above]) / np.sum(moved[own]))))
+        others = above & (power > CLEAR * np.median(power[above]))
+        moved = power * weight**2
+        shares.append(float(np.sqrt(np.sum(moved[others]) / np.sum(moved[own]))))
     counting = np.flatnonzero(np.array(shares) > COUNTS)
     if not len(counting):
         return ()
