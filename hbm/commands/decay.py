@@ -91,8 +91,8 @@ def _decays(histories: list[Path], names: list[str], band: tuple[float, float], 
         columns = {name: entry.channels.get(name, name) for name in names}
         columns |= {name: vector for name, vector in entry.channels.items() if name == TIMES[0]}
         units = {name: unit for name, unit in entry.units.items() if name in columns}
-        recorded = load_history(entry.file, columns, units).between(entry.begin, entry.end)
-        kept = recorded.between(float(recorded.time[0]) + settle, entry.end)
+        recorded = entry.part(load_history(entry.file, columns, units))
+        kept = recorded.between(float(recorded.time[0]) + settle, float(recorded.time[-1]))
         decays += [free_decay(kept, name, band) for name in names]
     return decays[0] if len(decays) == 1 else over_amplitude(decays, source=f"{len(decays)} decays")
 

@@ -232,7 +232,7 @@ def _recorded(
     drives = (_force_name(rig), reference or "")
     known = [c.name for c in rig.channels] if rig else ()
     recorded = load_history(path, columns or entry.channels, entry.units, drives=drives, known=known)
-    recorded = recorded.between(entry.begin, entry.end)
+    recorded = entry.part(recorded)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)
     quantities = {FORCE: "force"} if rig is None else {c.name: c.quantity for c in rig.channels}

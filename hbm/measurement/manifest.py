@@ -11,14 +11,18 @@ import io
 import math
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError
 from hbm.measurement.historyfile import READERS
+from hbm.measurement.recording import Recording
 from hbm.textfiles import refuse_endless, why
+from models.plausible import PlausibilityWarning
 
 COLUMNS = ("file", "frequency_hz", "level", "channels", "units", "begin_s", "end_s")
 NAMES = ("manifest.csv", "manifest.toml")
@@ -54,6 +58,29 @@ class Entry:
     begin: float = -math.inf
     end: float = math.inf
 
+    def part(self, recorded: Recording) -> Recording:
+        """What of its file is the recording.
+
+        Raises
+        ------
+        InputError
+            If that is fewer than three samples.
+
+        Warns
+        -----
+        models.plausible.PlausibilityWarning
+            Of a begin or an end beyond the file, where more than a sample is missing.
+        """
+        kept, few = recorded.between(self.begin, self.end), 1.5 * recorded.step
+        for name, value, beyond in (
+            ("begin_s", self.begin, recorded.time[0] - self.begin),
+            ("end_s", self.end, self.end - recorded.time[-1]),
+        ):
+            if math.isfinite(value) and beyond > few:
+                said = f"{recorded.source}: {name} = {value:g} s is not in it; it has {recorded.span}"
+                warnings.warn(said, PlausibilityWarning, stacklevel=2)
+        return kept
+
 
 def entries_of(paths: Iterable[Path]) -> list[Entry]:
     """Recordings of a campaign, in the order in which they are given.
@@ -69,8 +96,19 @@ def entries_of(paths: Iterable[Path]) -> list[Entry]:
     ------
     InputError
         If a manifest or a folder cannot be read or says something that is not accepted.
+
+    Warns
+    -----
+    models.plausible.PlausibilityWarning
+        Of recordings that have samples in common.
     """
-    return [entry for path in paths for entry in _of_path(path)]
+    entries = [entry for path in paths for entry in _of_path(path)]
+    for (i, one), (j, other) in combinations(enumerate(entries, start=1), 2):
+        apart = one.end <= other.begin or other.end <= one.begin
+        if one.file == other.file and one.channels == other.channels and not apart:
+            said = f"{one.file}: records {i} and {j} overlap; what they have in common counts twice"
+            warnings.warn(said, PlausibilityWarning, stacklevel=2)
+    return entries
 
 
 def _of_path(path: Path) -> Sequence[Entry]:

@@ -4,6 +4,7 @@
 spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -59,6 +60,13 @@ class Recording:
         """Mean time between samples [s]."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
+    @property
+    def span(self) -> str:
+        """First and last time in words, to a thousandth of a step."""
+        digits = 3 - math.floor(math.log10(self.step))
+        first, last = (round(float(t), digits) + 0.0 for t in self.time[[0, -1]])
+        return f"{first:.9g} to {last:.9g} s"
+
     def between(self, begin: float, end: float) -> "Recording":
         """The part from one time to another, both included [s].
 
@@ -70,8 +78,7 @@ class Recording:
         kept = (self.time >= begin) & (self.time <= end)
         if kept.sum() < 3:
             raise InputError(
-                f"{self.source}: {kept.sum()} samples from {begin:g} to {end:g} s; must be at least 3, of "
-                f"{self.time[0]:g} to {self.time[-1]:g} s"
+                f"{self.source}: {kept.sum()} samples from {begin:g} to {end:g} s; must be at least 3, of {self.span}"
             )
         channels = {name: values[kept] for name, values in self.channels.items()}
         return replace(self, time=self.time[kept], channels=channels)

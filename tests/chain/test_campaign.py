@@ -1,6 +1,7 @@
 """From a folder of recordings to spectra: manifests, exports of data loggers, units, warnings that stay."""
 
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hbm import InputError, load_history, load_rig, load_spectra, write_spectra
 from hbm.cli import app
 from hbm.measurement.manifest import entries_of
 from hbm.measurement.spectra import MOST_WARNINGS, MeasuredSpectra
+from models.plausible import PlausibilityWarning
 
 RIG = str(Path(__file__).parents[2] / "examples" / "one_mode.toml")  # channels force and a1
 TIME = np.arange(1000) / 1000.0
@@ -154,6 +156,28 @@ def test_steps_of_one_file_are_records_of_their_own(tmp_path: Path) -> None:
     rows = [line.split(",") for line in out.read_text().splitlines() if ",force,1," in line]
     assert [(row[0], row[2]) for row in rows] == [("1", "50.0"), ("2", "60.0")]
     assert [float(row[5]) for row in rows] == [pytest.approx(2.0, abs=1e-9), pytest.approx(3.0, abs=1e-9)]
+
+
+def test_parts_that_overlap_or_are_not_in_the_file_are_told(tmp_path: Path) -> None:
+    """Times that are an even clock's but for their digits begin at 0 s, not at 8e-12 s."""
+    t = np.round(np.arange(4096) / 1024, 7)
+    rows = np.column_stack([t, np.cos(100.0 * np.pi * t), np.sin(100.0 * np.pi * t)])
+    np.savetxt(tmp_path / "steps.csv", rows, delimiter=",", header="time_s,force,a1", comments="", fmt="%.9g")
+
+    def told(*parts: str) -> str:
+        (tmp_path / "manifest.csv").write_text(
+            "file,frequency_hz,begin_s,end_s\n" + "".join(f"steps.csv,50,{part}\n" for part in parts)
+        )
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", PlausibilityWarning)
+            printed = run(str(tmp_path), "--out", str(tmp_path / "s.csv")).stderr
+        return " ".join(printed.split() + [str(line.message) for line in said])
+
+    assert told("0,2", "2,4") == ""
+    assert "steps.csv: records 1 and 3 overlap; what they have in common counts twice" in told("0,1", "1,2", "0.5,1")
+    assert "steps.csv: end_s = 5 s is not in it; it has 0 to 3.9990234 s" in told("0,2", "2,5")
+    assert "steps.csv: begin_s = -1 s is not in it; it has 0 to 3.9990234 s" in told("-1,2")
+    assert "0 samples from 2048 to 4096 s; must be at least 3, of 0 to 3.9990234 s" in told("2048,4096")
 
 
 def test_file_names_say_frequency_and_level_in_a_folder(tmp_path: Path) -> None:
