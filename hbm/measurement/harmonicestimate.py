@@ -8,6 +8,7 @@ import numpy as np
 from hbm.fourier import Array
 from hbm.measurement.clipping import flat_topped
 from hbm.measurement.clock import UNEVEN
+from hbm.measurement.heard import unheard_of
 from hbm.measurement.jump import Jump
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.spikes import Spike
@@ -161,7 +162,7 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
     for name in e.dead:
         yield f"{name} is constant: left out"
     for name in e.silent:
-        yield f"{name} has no harmonic that stands out of its noise: left out. Is it dead?"
+        yield unheard_of(name)
     if e.uneven > UNEVEN:
         yield (
             f"its times lie up to {e.uneven:.1%} of a step beside an even clock: harmonics are taken at these times, "

@@ -35,6 +35,7 @@ from hbm.measurement.blockscatter import of_blocks, of_residual, trends
 from hbm.measurement.clipping import between_tops, clipped
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
+from hbm.measurement.heard import unheard
 from hbm.measurement.jump import jump
 from hbm.measurement.periods import Periods, fitted, transformed
 from hbm.measurement.recording import Recording, constant
@@ -47,10 +48,6 @@ BLOCKS = 32
 
 SLIP = 0.05
 """Samples by which whole periods may miss whole samples over a record: less than a given frequency is known to."""
-
-HEARD, LOUD = 2.0, 100.0
-"""Standard deviations beyond the largest that noise has of so many harmonics, from which one stands out; and those of
-another channel from which it is plain that the structure moved: one that hears nothing then is dead, or at rest."""
 
 LEADS = 0.1
 """A fundamental below this part of the strongest harmonic does not stand for the record: it is a multisine."""
@@ -125,10 +122,7 @@ def harmonic_spectra(
 def _silent(e: HarmonicEstimate) -> tuple[str, ...]:
     """Channels of noise without a line, of which no harmonic stands out, where another channel moves plainly."""
     clear = np.hypot(e.coefficients[:, 1 : e.H + 1], e.coefficients[:, e.H + 1 :]) / e.own_std[:, 1:]
-    largest, heard = clear.max(axis=1), HEARD + np.sqrt(2.0 * np.log(max(e.H, 9)))
-    if largest.max() < LOUD:
-        return ()
-    quiet = (q for q, most in zip(e.quality, largest, strict=True) if most < heard)
+    quiet = (q for q, silent in zip(e.quality, unheard(clear), strict=True) if silent)
     return tuple(q.name for q in quiet if not np.isfinite(q.leftover.line_hz) and not q.clipped)
 
 

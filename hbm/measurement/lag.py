@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import ztbsv
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from hbm.fourier import Array
@@ -45,6 +46,9 @@ PROMISING = 2.0
 
 LEAST_RATIO, MOST_RATIO = 1e-5, 0.3
 """No mode has another damping ratio."""
+
+ABOUT = 15
+"""Windows on either side of one that say what modes leave there."""
 
 ROOM = 10.0
 """How far beyond these ratios a fit is followed, so that one that ends beside them is told from one that ends at them;
@@ -300,3 +304,17 @@ def off_steady(drive: Drive, X: Complex, std: Array) -> tuple[Complex, Complex]:
             break
         sigma, off, left = more, off_more, left_more
     return off, left
+
+
+def not_described(off: Complex, left: Complex, noise: Array) -> tuple[float, Array]:
+    """What modes leave of a response beyond its noise, over what they are off their steady states, where they are.
+
+    In all, and about each window (w,) where that is more, as beside a low peak.
+    """
+    size, beyond = np.abs(off) ** 2, np.abs(left) ** 2 - 2.0 * noise**2
+    if not size.any():
+        return 1.0, np.ones(len(off))
+    share = max(float(np.sqrt(max(np.sum(size * beyond), 0.0) / np.sum(size**2))), SHARPEST)
+    rest, whole = (uniform_filter1d(part, 2 * ABOUT + 1, mode="constant") for part in (size * beyond, size**2))
+    here = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0.0)
+    return share, np.maximum(np.sqrt(np.maximum(here, 0.0)), share)

@@ -24,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import hilbert
 
 from hbm.errors import InputError
 from hbm.fourier import Array, coefficients_of
-from hbm.measurement.lag import SHARPEST, drive_of, off_steady, shares, smooth
+from hbm.measurement.heard import unheard, unheard_of
+from hbm.measurement.lag import drive_of, not_described, off_steady, shares, smooth
 from hbm.measurement.recording import Recording, constant
 from hbm.measurement.spectra import AT, MeasuredSpectra
 
@@ -47,8 +47,6 @@ FLANKS = 0.4
 FEWEST = 6
 """Windows on a peak, at least, to tell how fast a sweep may be; fewer are too fast to tell."""
 
-ABOUT = 15
-"""Windows on either side of one that say what modes leave there."""
 DESCRIBED = 0.1
 """Modes describe a response of which they leave at most this part of its lag. Where friction slips they may leave less
 than the lag by poles that no mode has, and the lag by those is not that of the response."""
@@ -76,8 +74,8 @@ class Sweep:
         Standard deviation of each of cos and sin by what is left in the window.
     seen : (w, 2, i) complex array
         What a window sees of instants, of :func:`hbm.measurement.lag.shares`, at the fundamental.
-    dead : tuple of str
-        Constant channels, left out.
+    dead, silent : tuple of str
+        Constant channels, and those of noise alone while others move, left out.
     """
 
     source: str
@@ -93,6 +91,7 @@ class Sweep:
     std: Array
     seen: Complex
     dead: tuple[str, ...] = ()
+    silent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -170,6 +169,12 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
             f"{recorded.source}: fewer than {2 * cycles} cycles of {reference}; must have two windows of {cycles}"
         )
     time, half, along, amplitudes, slopes, std, seen = (np.array(column) for column in zip(*rows, strict=True))
+    size, own = (np.abs(part[:, :, 1:]) for part in (amplitudes, std))
+    clear = np.divide(size, own, out=np.full(size.shape, np.inf), where=own > 0.0)
+    if (quiet := unheard(clear.swapaxes(0, 1).reshape(len(recorded.channels), -1))).any():
+        silent = tuple(name for name, no in zip(recorded.channels, quiet, strict=True) if no)
+        heard = {name: y for name, y in recorded.channels.items() if name not in silent}
+        return replace(swept(replace(recorded, channels=heard), reference, harmonics, cycles), dead=dead, silent=silent)
     motion = smooth(time, along)
     hz, hz_std, rate = (values.real / (2 * np.pi) for values in (motion.first, motion.std, motion.second))
     _expect_sweep(recorded, reference, time, hz)
@@ -316,6 +321,7 @@ def _among(channels: tuple[str, ...], sweep: Sweep, amplitudes: Complex, std: Ar
 def _notes(sweep: Sweep, passages: Mapping[str, Passage | None]) -> Iterator[tuple[int, str]]:
     """What speaks against a sweep, each with the window it is seen in."""
     yield from ((0, f"{name} is constant: left out") for name in sweep.dead)
+    yield from ((0, unheard_of(name)) for name in sweep.silent)
     for channel, passed in passages.items():
         untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
         warning = untold if passed is None else passed.warning
@@ -336,7 +342,7 @@ def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) ->
     off, left = off_steady(drive, X, own)
     fundamental = np.arange(amplitudes.shape[2]) == 1
     for j, by, rest, noise in zip(others, off.T, left.T, own.T, strict=True):
-        share, here = _not_described(by, rest, noise)
+        share, here = not_described(by, rest, noise)
         size = np.abs(amplitudes[:, j])
         relative = np.divide(np.abs(by), size[:, 1], out=np.zeros_like(here), where=size[:, 1] > 0.0)
         if share < DESCRIBED:
@@ -363,20 +369,6 @@ def _of_windows(sweep: Sweep) -> Array:
     speed = np.maximum(np.abs(sweep.rate), np.median(np.abs(sweep.rate)))
     late = np.divide(sweep.hz_std, speed, out=np.zeros_like(speed), where=speed > 0.0)
     return np.asarray(np.hypot(sweep.std, late[:, None, None] * np.abs(sweep.slopes) / np.sqrt(2.0)))
-
-
-def _not_described(off: Complex, left: Complex, noise: Array) -> tuple[float, Array]:
-    """What modes leave of a response beyond its noise, over what they are off their steady states, where they are.
-
-    In all, and about each window (w,) where that is more, as beside a low peak.
-    """
-    size, beyond = np.abs(off) ** 2, np.abs(left) ** 2 - 2.0 * noise**2
-    if not size.any():
-        return 1.0, np.ones(len(off))
-    share = max(float(np.sqrt(max(np.sum(size * beyond), 0.0) / np.sum(size**2))), SHARPEST)
-    rest, whole = (uniform_filter1d(part, 2 * ABOUT + 1, mode="constant") for part in (size * beyond, size**2))
-    here = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0.0)
-    return share, np.maximum(np.sqrt(np.maximum(here, 0.0)), share)
 
 
 def _off_here(sweep: Sweep, channel: int, force: int) -> Array:

@@ -294,6 +294,19 @@ def test_a_dead_channel_of_a_sweep_is_left_out(fast: Recording) -> None:
         swept(recording("up.csv", fast.time, channels), "dead", 3)
 
 
+def test_a_channel_of_noise_alone_is_left_out_of_a_sweep_and_a_weak_one_is_not(fast: Recording) -> None:
+    """White noise: of a loose plug; beside it the same, but for a motion as large as the noise."""
+    rng, x = np.random.default_rng(4), fast.channels["x"]
+    loose, weak = 1e-3 * x.std() * rng.standard_normal((2, len(x)))
+    channels = {"loose": loose, "weak": weak + 1e-3 * x, "dead": 0.0 * x, **fast.channels}
+    found = sweep_spectra([swept(recording("up.csv", fast.time, channels), "force", 3)], "force")
+    assert found.channels == ("weak", *fast.channels)
+    assert found.notes[:2] == (
+        (1, "dead is constant: left out"),
+        (1, "loose has no harmonic that stands out of its noise: left out. Is it dead?"),
+    )
+
+
 def test_a_sweep_that_pauses_is_refused(fast: Recording) -> None:
     """Without a force there is no phase: it runs back and forth in the pause."""
     on = np.abs(fast.time - 2.5) > 0.8
