@@ -24,7 +24,7 @@ from hbm.diagnosis.remainder import Remainder, percent
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.diagnosisfiles import FILES
 from hbm.files.diagnosispage import ranking_table
-from hbm.files.diagnosissummary import _said, first_screen, verdict_line
+from hbm.files.diagnosissummary import NEXT, _said, first_screen, verdict_line
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.trace import steady_state
 from hbm.rigfiles.causes import causes_in_file
@@ -32,6 +32,7 @@ from hbm.rigfiles.load import load_rig
 from models import Attachments, PointMass, Rig
 from models.causes import CAUSES
 from models.causes.parameter import WrongParameter
+from models.causes.records import ForceDistortion
 
 PAPER = Path(__file__).parents[1] / "examples" / "paper_beam.toml"
 STATES = (*((level, hz) for hz in (46.0, 57.0, 64.0) for level in (3.0, 6.5)), (6.5, 150.0))
@@ -330,6 +331,26 @@ def test_a_main_cause_says_what_it_leaves_and_how_to_go_on() -> None:
     said = answers(verdict="main-cause", remainder=LEFT)
     assert said["What remains"] == LEFT.sentence
     assert "run hbm diagnose on extended.toml" in said["What to measure next"]
+
+
+@pytest.mark.usefixtures("mass")
+def test_measured_harmonics_of_the_force_come_before_what_else_is_missing() -> None:
+    """They are known, and no cause that is left to be found; a rig file that applies them says nothing."""
+    found = FOUND[0]
+    assert found.campaign is not None and found.nominal is not None
+    records = [
+        replace(r, distortion=np.ones_like(r.distortion), distortion_std=np.full_like(r.distortion_std, 0.1))
+        for r in found.campaign.data.records
+    ]
+    distorted = replace(found.campaign, data=replace(found.campaign.data, records=tuple(records)))
+    first = 'First put [[extensions]] with cause = "force-distortion" into the rig file and diagnose again'
+    for changes in ({"verdict": "main-cause"}, {"verdict": "unexplained", "extended": None, **WITHOUT}):
+        assert first not in answers(remainder=LEFT, **changes)[NEXT]
+        said = answers(remainder=LEFT, campaign=distorted, **changes)[NEXT]
+        assert first in said and "extended.toml" not in said
+    applied = ForceDistortion().extend(found.nominal.model.nominal, {})
+    assert first not in answers(verdict="main-cause", remainder=LEFT, campaign=distorted, extended=applied)[NEXT]
+    assert first not in answers(verdict="cause-found", remainder=LEFT, campaign=distorted)[NEXT]
 
 
 @pytest.mark.usefixtures("mass")

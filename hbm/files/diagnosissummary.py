@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
+from hbm.diagnosis.fullfits import DISTORTED
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import first_of, nearly_all, percent, within_noise
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
@@ -30,6 +31,11 @@ WRONG, ADDED, REMAINS, NEXT = "What is wrong", "Added to the model", "What remai
 NEW_MOUNTING = (
     "Mount the structure anew and repeat some records: only that tells whether what remains is the structure itself. "
     "{} is stated with --repeatability."
+)
+
+FORCE_FIRST = (
+    'First put [[extensions]] with cause = "force-distortion" into the rig file and diagnose again: harmonics of the '
+    "force were measured that the simulation leaves out, and what they do hides what else is missing."
 )
 
 MOST_MOVED = 3
@@ -260,8 +266,12 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
         yield f"To tell {d.cause} from {d.not_separable[0]}: {advice}."
     if d.extended_fit is not None:
         yield from _checks(d.extended_fit.model.causes)
+    left_out = d.verdict in ("main-cause", "unexplained") and _distorted(d)
+    if left_out:
+        yield FORCE_FIRST
     if d.verdict == "main-cause":
-        yield "For the rest, run hbm diagnose on extended.toml: it places the force that is still missing."
+        if not left_out:
+            yield "For the rest, run hbm diagnose on extended.toml: it places the force that is still missing."
     elif d.verdict == "unexplained":
         yield from _where_to_look(d, force)
     elif d.remainder.structured:
@@ -270,6 +280,14 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
         yield "Note the temperature of the structure beside each record, or repeat some of the first at the end."
     elif d.verdict == "consistent":
         yield "Nothing for these records. Levels, modes and harmonics that were not measured may still show something."
+
+
+def _distorted(d: Diagnosis) -> bool:
+    """Whether harmonics of the force were measured that the model of the verdict does not apply."""
+    if d.campaign is None or d.floored or d.nominal is None:
+        return False
+    rig = d.nominal.model.nominal if d.extended is None else d.extended
+    return (d.campaign.data.distorted or 0.0) > DISTORTED and not rig.excitation.measured_harmonics
 
 
 def _named(records: Sequence[str]) -> str:
