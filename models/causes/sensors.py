@@ -18,6 +18,10 @@ UNITS = (g, 1.0 / g, 1e3, 1e-3, 2.0**0.5, 0.5**0.5)
 """What it reads of it in another unit, or as an rms value; or where all responses are in one."""
 
 
+DELAYS = (-1e-2, -1e-3, 1e-3, 1e-2)
+"""Delays from which one is looked for [s]."""
+
+
 @dataclass(frozen=True)
 class OfChannel(Cause):
     """A number of one channel of motion that is wrong.
@@ -110,9 +114,9 @@ class SensorDelay(OfChannel):
     rigs: ClassVar[tuple[type, ...]] = EITHER
 
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
-        """The delay."""
+        """The delay; starts with none more, and with those that amplifiers, filters and second recorders have."""
         now = rig.number(self.key)
-        return (Unknown("delay_s", "s", self.key, -1.0, 1.0, now, (now,)),)
+        return (Unknown("delay_s", "s", self.key, -1.0, 1.0, now, (now, *(now + late for late in DELAYS))),)
 
 
 @dataclass(frozen=True)

@@ -113,3 +113,14 @@ def test_another_law_of_a_joint_is_named_with_its_joint_and_numbers(name: str) -
     for number, true in truth.items():
         p = d.parameters[number]
         assert abs(p.value - true) < 4.0 * p.std, number
+
+
+def test_a_channel_that_is_far_too_late_is_found_beside_friction() -> None:
+    """By 15 ms, which is more than half a period of the second mode: from no delay steps end in another valley."""
+    spectra, late, k = measured(jenkins(STIFFNESS, LIMIT), "b"), 0.015, np.arange(1, H + 1)
+    i, read = spectra.channels.index("c"), spectra.coefficients.copy()
+    seen = (read[:, i, 1 : H + 1] - 1j * read[:, i, H + 1 :]) * np.exp(-2j * np.pi * k * spectra.hz[:, None] * late)
+    read[:, i, 1 : H + 1], read[:, i, H + 1 :] = seen.real, -seen.imag
+    found = diagnose(RIG, replace(spectra, coefficients=read), causes=["sensor-delay"])
+    assert (found.verdict, found.cause) == ("cause-found", "sensor-delay")
+    assert found.parameters["delay_s"].value == pytest.approx(late, rel=1e-3)
