@@ -277,9 +277,36 @@ def judged(
         _holds=lambda scored: True,
         _as_well=lambda best, scored: predicts,
         calibrated=None,
-        _without_cause=lambda base: "none",
+        _plain=SimpleNamespace(verdict=lambda base: "none"),
     )
     return Conclusion._claimed.func(concluded)
+
+
+@pytest.mark.parametrize(
+    ("lead", "untested", "sized", "said"),
+    [
+        (np.inf, False, False, "cause-found"),
+        (np.inf, True, True, "cause-found"),
+        (np.inf, True, False, "none"),
+        (1.0, False, True, "cause-found"),
+        (1.0, False, False, "none"),
+    ],
+)
+def test_a_cause_has_a_size_unless_records_held_out_tell_of_it(
+    monkeypatch: pytest.MonkeyPatch, lead: float, untested: bool, sized: bool, said: str
+):
+    """Transients of one record were called a resonator of 1.8 g, give or take 150 g."""
+    monkeypatch.setattr("hbm.diagnosis.conclusion.matters", lambda e, std: sized)
+    concluded = SimpleNamespace(
+        best=(None, None),
+        search=SimpleNamespace(calibrated=None),
+        _claimed="cause-found",
+        _lead=lead,
+        _untested=untested,
+        _std=None,
+        _plain=SimpleNamespace(verdict=lambda base: "none"),
+    )
+    assert Conclusion.verdict.func(concluded) == said
 
 
 @pytest.mark.parametrize(
