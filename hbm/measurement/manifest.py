@@ -12,9 +12,10 @@ import math
 import re
 import tomllib
 import warnings
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any
 
@@ -103,9 +104,12 @@ def entries_of(paths: Iterable[Path]) -> list[Entry]:
         Of recordings that have samples in common.
     """
     entries = [entry for path in paths for entry in _of_path(path)]
-    for (i, one), (j, other) in combinations(enumerate(entries, start=1), 2):
+    of_file = defaultdict(list)
+    for i, entry in enumerate(entries, start=1):
+        of_file[entry.file].append((i, entry))
+    for (i, one), (j, other) in chain.from_iterable(combinations(same, 2) for same in of_file.values()):
         apart = one.end <= other.begin or other.end <= one.begin
-        if one.file == other.file and one.channels == other.channels and not apart:
+        if one.channels == other.channels and not apart:
             said = f"{one.file}: records {i} and {j} overlap; what they have in common counts twice"
             warnings.warn(said, PlausibilityWarning, stacklevel=2)
     return entries

@@ -10,8 +10,9 @@ from hbm.fourier import Array
 TAILS = 0.5, 0.25
 """Last parts of a recording in which a tone is looked for, the longest first."""
 
-FEWEST = 20
-"""Samples of such a part, at least."""
+FEWEST, MOST = 20, 1500
+"""Samples of such a part, at least; and at most, beyond which it is thinned to the lower frequencies, for the time
+grows with the cube."""
 
 CLEAR = 10.0
 """A tone stands out by so many standard deviations of its amplitude."""
@@ -52,9 +53,16 @@ def steady_tone(t: Array, z: npt.NDArray[np.complex128]) -> Tone | None:
     """
     for part in TAILS:
         few = int(part * len(z))
-        if few >= FEWEST and (tone := _in_tail(t[-few:] - t[-few], z[-few:])) is not None:
+        if few >= FEWEST and (tone := _in_tail(*_thinned(t[-few:] - t[-few], z[-few:]))) is not None:
             return tone
     return None
+
+
+def _thinned(t: Array, z: npt.NDArray[np.complex128]) -> tuple[Array, npt.NDArray[np.complex128]]:
+    from scipy.signal import resample_poly  # it takes long, and a decay that is read needs none
+
+    every = -(-len(z) // MOST)
+    return t[::every], z if every == 1 else resample_poly(z, 1, every)
 
 
 def _in_tail(t: Array, z: npt.NDArray[np.complex128]) -> Tone | None:

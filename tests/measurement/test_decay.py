@@ -13,6 +13,7 @@ from hbm.cli import app
 from hbm.errors import InputError
 from hbm.measurement.decay import Decay, free_decay, over_amplitude
 from hbm.measurement.recording import Recording, recording
+from hbm.measurement.tone import steady_tone
 from hbm.modes.decaying import over_channel, predicted
 from hbm.response.budget import Budget
 from hbm.rigfiles.load import load_rig
@@ -420,3 +421,15 @@ def test_what_was_measured_is_written_where_the_mode_of_the_rig_does_not_reach_i
     plain = CliRunner().invoke(app, args)
     assert plain.exit_code == 0
     assert np.genfromtxt(out, delimiter=",", names=True)["frequency_hz"] == pytest.approx(table["frequency_hz"])
+
+
+def test_a_tone_under_a_decay_of_many_samples_is_found_as_under_one_of_few() -> None:
+    """A matrix of as many rows and columns as there are samples would take hours."""
+    rng = np.random.default_rng(1)
+    for samples in (300, 40_000):
+        t = 0.05 * np.arange(samples)
+        noise = 2e-3 * (rng.standard_normal(samples) + 1j * rng.standard_normal(samples))
+        tone = steady_tone(t, np.exp(-24.0 * t / t[-1]) + 0.02 * np.exp(1.3j * t) + noise)
+        assert tone is not None
+        assert tone.omega == pytest.approx(1.3, abs=0.02)
+        assert tone.amplitude == pytest.approx(0.02, rel=0.02)
