@@ -114,21 +114,17 @@ class Loop:
         """Where anchors stand, as :func:`anchored`; None where a state is none."""
         return anchored(self.slopes, lambda: self._before.slopes)
 
-    def _dragged(self, inputs: Array) -> Array | None:
-        """Change of the outputs (N_t, outputs, c) where all states are anchors; None where one is not."""
-        if self._anchors is None:
-            return None
-        before, by_inputs = self._anchors
+    def _dragged(self, before: npt.NDArray[np.intp], by_inputs: Array, inputs: Array) -> Array:
+        """Change of the outputs (N_t, outputs, c) where all states are anchors."""
         states, c = before.shape[1], inputs.shape[2]
         moved = np.concatenate([by_inputs @ inputs, np.zeros((1, states, c))])  # the last for what nothing has dragged
         z = moved[before, np.arange(states)]
         return np.asarray(self.slopes.outputs_by_inputs @ inputs + self.slopes.outputs_by_states @ z)
 
     @cached_property
-    def _of_anchors(self) -> sparse.csr_array | None:
-        """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors; None where one is not."""
-        if self._anchors is None:
-            return None
+    def _of_anchors(self) -> sparse.csr_array:
+        """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors."""
+        assert self._anchors is not None
         before, by_inputs = self._anchors
         k, i = np.nonzero(before >= 0)
         at, steps, inputs = before[k, i], np.arange(len(before)), by_inputs.shape[2]
@@ -143,11 +139,10 @@ class Loop:
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
         slopes, n, (N_t, sizes, c) = self.slopes, self.slopes.states, inputs.shape
-        if self.often and self._of_anchors is not None:
+        if self._anchors is not None and self.often:
             return np.asarray((self._of_anchors @ inputs.reshape(N_t * sizes, c)).reshape(N_t, slopes.outputs, c))
-        dragged = None if self.often else self._dragged(inputs)
-        if dragged is not None:
-            return dragged
+        if self._anchors is not None:
+            return self._dragged(*self._anchors, inputs)
         begin = np.zeros((n, c))
         if self._open is None:
             begin = self._before._states(begin, inputs)[-1]

@@ -6,13 +6,14 @@ along the beam, and those whose tip lifts off, are solved one by one.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, Generic, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.aft.force import ContactForce, InputChange
 from hbm.balance.clamp import ClampChange
+from hbm.balance.jointed import JointBalance
 from hbm.balance.places import Given, Places
 from hbm.balance.problem import HarmonicBalance, Kinematics
 from hbm.balance.slipping import slipping
@@ -126,8 +127,43 @@ class Slopes(NamedTuple):
         return out
 
 
-class Batch:
+AnyProblem = TypeVar("AnyProblem", HarmonicBalance, JointBalance)
+
+
+class Together(Generic[AnyProblem]):
     """Balances of one rig, as many as there are records.
+
+    Parameters
+    ----------
+    problems : sequence of HarmonicBalance or JointBalance
+        Of one rig; they differ in their level, and in what a contact is like.
+    hz : (R,) array
+        Frequency of each.
+    """
+
+    def __init__(self, problems: Sequence[AnyProblem], hz: Array) -> None:
+        first = problems[0]
+        self.problems: Sequence[AnyProblem] = problems
+        self.first: AnyProblem = first
+        self.structure: Any = first.structure
+        self.basis, self.hz = first.basis, hz
+        self.Omega = 2 * np.pi * hz[:, None]
+        self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
+        self.modal_unit = np.array([p.modal_force_ref for p in problems])
+
+    def turning(self, series: Array) -> Array:
+        """Derivatives to the phase of series (R, 2H+1, ...)."""
+        factor = self.basis.signed_k.reshape(-1, *(1,) * (series.ndim - 2))
+        return np.asarray(factor * series[:, self.basis.swapped])
+
+    def read(self, sensor: Channel, displacement: Array) -> Array:
+        """What a sensor reads of displacements (R, 2H+1, ...) at its place."""
+        factors = factor(sensor, 1j * self.Omega * np.arange(self.basis.H + 1))
+        return real(amplitudes(displacement) * factors.reshape(*factors.shape, *(1,) * (displacement.ndim - 2)))
+
+
+class Batch(Together[HarmonicBalance]):
+    """Balances of one rig with one contact, as many as there are records.
 
     Parameters
     ----------
@@ -138,14 +174,9 @@ class Batch:
     """
 
     def __init__(self, problems: Sequence[HarmonicBalance], hz: Array) -> None:
-        first = problems[0]
-        self.problems, self.first, self.hz = problems, first, hz
-        self.structure, self.basis = first.structure, first.basis
-        s, basis = self.structure, self.basis
-        self.Omega = 2 * np.pi * hz[:, None]
-        self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
+        super().__init__(problems, hz)
+        first, s, basis = self.first, self.structure, self.basis
         self.load = np.array([p.environment.load for p in problems])
-        self.modal_unit = np.array([p.modal_force_ref for p in problems])
         self.q_unit = np.array([p.q_ref for p in problems])
         self.contact_unit = np.array([p.F_ref for p in problems])
         rate = self.Omega[:, :, None]
@@ -162,19 +193,6 @@ class Batch:
         return others
 
     # ---- the equations
-
-    def turning(self, series: Array) -> Array:
-        """Derivatives to the phase of series (R, 2H+1) or (R, 2H+1, n)."""
-        factor = self.basis.signed_k if series.ndim == 2 else self.basis.signed_k[:, None]
-        return np.asarray(factor * series[:, self.basis.swapped])
-
-    def read(self, sensor: Channel, displacement: Array) -> Array:
-        """What a sensor reads of displacements (R, 2H+1) or (R, 2H+1, p) at its place."""
-        H = self.basis.H
-        factors = factor(sensor, 1j * self.Omega * np.arange(H + 1))
-        c = amplitudes(displacement)
-        c *= factors if displacement.ndim == 2 else factors[..., None]
-        return real(c)
 
     def along(self, i: int, change: InputChange) -> Array:
         """Change of the friction of record `i`, where it was marched last, at the samples (N_t, p)."""

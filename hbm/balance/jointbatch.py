@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from hbm.aft.joint import JointForces
-from hbm.balance.batch import Motions, Which, amplitudes, real
+from hbm.balance.batch import Motions, Together, Which, amplitudes, real
 from hbm.balance.jointed import JointBalance
-from hbm.balance.jointednewton import SINGULAR, felt
+from hbm.balance.jointednewton import felt, inverted
 from hbm.balance.jointequations import Complex
 from hbm.fourier import Array, FourierBasis
 from models.jointed import AnyRig, JointedRig
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
         return Seen(*(part[which] for part in self))
 
 
-class JointBatch:
+class JointBatch(Together[JointBalance]):
     """Balances of one rig with joints, as many as there are records.
 
     Parameters
@@ -66,12 +66,8 @@ class JointBatch:
     """
 
     def __init__(self, problems: Sequence[JointBalance], hz: Array) -> None:
-        first = problems[0]
-        self.problems, self.first, self.hz = problems, first, hz
-        self.structure, self.basis = first.structure, first.basis
-        self.Omega = 2 * np.pi * hz[:, None]
-        self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
-        self.modal_unit = np.array([p.modal_force_ref for p in problems])
+        super().__init__(problems, hz)
+        first = self.first
         self.contact_unit = np.array([p.f_ref for p in problems])
         ends = np.cumsum([0, *(2 * j.ports + 1 for j in first.joints)]).tolist()
         self.signals = [slice(*pair) for pair in pairwise(ends)]
@@ -82,11 +78,6 @@ class JointBatch:
         return JointBatch([self.problems[i] for i in which], self.hz[which])
 
     # ---- the equations
-
-    def turning(self, series: Array) -> Array:
-        """Derivatives to the phase of series (R, 2H+1, ...)."""
-        factor = self.basis.signed_k.reshape(-1, *(1,) * (series.ndim - 2))
-        return np.asarray(factor * series[:, self.basis.swapped])
 
     def turned(self, Q: Array, which: Which) -> Array:
         """Dynamic stiffness times motions (R, 2H+1, n)."""
@@ -156,16 +147,10 @@ class JointMatrices:
     def __init__(self, batch: JointBatch) -> None:
         self.batch = batch
         R, size = len(batch.problems), batch.basis.size * len(batch.first.own)
-        self._receptance = self._inverted(batch.stiffness)
+        self._receptance = inverted(batch.stiffness, batch.structure.omega_n, diagonal=batch.first.diagonal)
         self._core = np.empty((R, size, size))
         self.forces: list[list[JointForces]] = [[]] * R
         self.known = np.zeros(R, dtype=bool)
-
-    def _inverted(self, stiffness: Complex) -> Complex:
-        if stiffness.ndim == 4:
-            return np.asarray(np.linalg.inv(stiffness))
-        least = SINGULAR * self.batch.structure.omega_n**2
-        return np.asarray(1.0 / np.where(np.abs(stiffness) < least, least, stiffness))
 
     def of(self, which: Which) -> "JointMatrices":
         """Those of some records."""

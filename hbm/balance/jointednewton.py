@@ -15,6 +15,14 @@ SINGULAR = 1e-9
 """Least dynamic stiffness of an undamped mode in Newton's system, in units of its own: at its frequency it has none."""
 
 
+def inverted(stiffness: Complex, omega_n: Array, *, diagonal: bool) -> Complex:
+    """Receptance of modes by their dynamic stiffness, (..., n) where nothing couples them, else (..., n, n)."""
+    if not diagonal:
+        return np.asarray(np.linalg.inv(stiffness), dtype=np.complex128)
+    least = SINGULAR * omega_n**2
+    return np.asarray(1.0 / np.where(np.abs(stiffness) < least, least, stiffness))
+
+
 class Modes:
     """The modes at a frequency: their answer to forces, harmonic by harmonic."""
 
@@ -22,15 +30,10 @@ class Modes:
         self.basis, self.diagonal = problem.basis, problem.diagonal
         stiffness: Complex = problem.dynamic_stiffness(Omega)
         # the mean of a rigid motion is not eliminated: the joints decide it
-        if self.diagonal:
-            stiffness[0, problem.rigid] = np.inf
-            least = SINGULAR * problem.structure.omega_n**2
-            stiffness = np.where(np.abs(stiffness) < least, least, stiffness)
-            self.receptance: Complex = 1.0 / stiffness
-        else:
-            stiffness[0, problem.rigid, problem.rigid] = 1.0
-            self.receptance = np.asarray(np.linalg.inv(stiffness), dtype=np.complex128)
-            self.receptance[0, problem.rigid, problem.rigid] = 0.0
+        at = (0, problem.rigid) if self.diagonal else (0, problem.rigid, problem.rigid)
+        stiffness[at] = 1.0
+        self.receptance = inverted(stiffness, problem.structure.omega_n, diagonal=self.diagonal)
+        self.receptance[at] = 0.0
 
     def moved(self, forces: Array) -> Array:
         """Coefficients (2H+1, n, ...) of the modes under modal forces of the same shape."""

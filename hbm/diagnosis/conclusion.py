@@ -63,7 +63,8 @@ class Conclusion:
         if decision.best is not None and not self._paid(decision.best):
             self.decision = decision = search.without_second(decision, decision.best)
         self.best = None if decision.best is None else (decision.best, self._predicted(decision.best))
-        self._plain = NoCause(search.trust, search.nominal, self.decision.fits, self.campaign, self._scored)
+        bare = decision.base if decision.best is None else search.calibrated
+        self._no_cause = NoCause(search.trust, search.nominal, bare, decision.fits, self.campaign, self._scored)
 
     def _paid(self, best: Evaluation) -> bool:
         """Whether noise alone is left, or a second cause takes its share of the records held out too."""
@@ -115,7 +116,7 @@ class Conclusion:
         verdict = self.verdict
         best = self.decision.best if verdict in NAMED else None
         ties, seconds = ([], []) if best is None else self._ties(best)
-        told = self._plain.told(self.decision.base) if verdict == "consistent" else ""
+        told = self._no_cause.told if verdict == "consistent" else ""
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
@@ -176,8 +177,7 @@ class Conclusion:
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
-        plain = self.decision.base if self.decision.best is None else self.search.calibrated
-        plain = self._plain.agreeing(plain) if self.verdict == "consistent" else plain
+        plain = self._no_cause.judged if self.verdict == "consistent" else self._no_cause.base
         e = self._noise(best or plain)
         shares, untested = {} if best is None else dict(self._shares), best is not None and self._untested
         if untested:
@@ -251,7 +251,7 @@ class Conclusion:
         clear = self._lead > CLEAR and not self._untested if claimed in NAMED else True
         if clear or self.best is None or matters(self.best[0], self._std):
             return claimed
-        return self._plain.verdict(self.search.calibrated)
+        return self._no_cause.verdict
 
     def _foretells(self, best: Evaluation) -> bool:
         """Whether a cause that leaves noise foretells the records held out, and is needed; transients have no size."""
@@ -261,11 +261,9 @@ class Conclusion:
     @cached_property
     def _claimed(self) -> Verdict:
         """The verdict by how much is explained, however uncertain the numbers of the cause are."""
-        if self.best is None:
-            return self._plain.verdict(self.decision.base)
+        if self.best is None or self._lead <= DECISIVE:
+            return self._no_cause.verdict
         best, scored = self.best
-        if self._lead <= DECISIVE:
-            return self._plain.verdict(self.search.calibrated)
         settled, least = best.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and foretells(scored, self.calibrated))):
@@ -274,12 +272,12 @@ class Conclusion:
         before = beyond_noise(self._before(best).white)
         agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
         if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
-            return self._plain.verdict(self.search.calibrated)
+            return self._no_cause.verdict
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
         if nearly and (settled or foretells(scored, self.calibrated)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
-        return "main-cause" if settled else self._plain.verdict(self.search.calibrated)
+        return "main-cause" if settled else self._no_cause.verdict
 
     @cached_property
     def _lead(self) -> float:

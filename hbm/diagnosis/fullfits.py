@@ -94,9 +94,14 @@ def measurable(cause: Cause, rig: AnyRig, campaign: Campaign) -> bool:
     if campaign.data.other_unit:
         return isinstance(cause, SensorGain) and cause.of_force(rig)
     if isinstance(cause, ForceDistortion):
-        return (campaign.data.distorted or 0.0) > DISTORTED
+        return distorted(campaign)
     unseen = {c.name for c in rig.response_channels} - {*campaign.data.channels}
     return not any(getattr(cause, name, "") in unseen for name in ("channel", "other"))
+
+
+def distorted(campaign: Campaign) -> bool:
+    """Whether a harmonic of the force was measured plainly."""
+    return (campaign.data.distorted or 0.0) > DISTORTED
 
 
 def suits(cause: Cause, rig: AnyRig) -> bool:

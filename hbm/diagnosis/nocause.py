@@ -23,8 +23,8 @@ class NoCause:
     ----------
     trust : Model
         Tolerances of the rig file.
-    nominal : Evaluation
-        The rig file as it is.
+    nominal, base : Evaluation
+        The rig file as it is, and what stands without a cause, which may be the same.
     fits : sequence of Evaluation
         Of all causes tried.
     campaign : Campaign
@@ -37,39 +37,42 @@ class NoCause:
         self,
         trust: Model,
         nominal: Evaluation,
+        base: Evaluation,
         fits: Sequence[Evaluation],
         campaign: Campaign,
         scored: Callable[[Evaluation], Predicted | None],
     ) -> None:
-        self.trust, self.nominal, self.fits, self.campaign, self.scored = trust, nominal, fits, campaign, scored
+        self.trust, self.nominal, self.base = trust, nominal, base
+        self.fits, self.campaign, self.scored = fits, campaign, scored
 
-    def verdict(self, base: Evaluation) -> Verdict:
+    @property
+    def verdict(self) -> Verdict:
         """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
-        base = self.agreeing(base)
-        white, scored = self._noise(base).white, self.scored(base)
+        white, scored = self._noise(self.judged).white, self.scored(self.judged)
         if nrmse(white) > SAYS_NOTHING:
             return "unexplained"
-        if self._fits(base) and (scored is None or scored.misfit.fits):
+        if self._fits(self.judged) and (scored is None or scored.misfit.fits):
             return "consistent"
         whites = [white, *([] if scored is None else [scored.evaluation.white])]
         return "consistent" if all(beyond_noise(w) <= LARGEST for w in whites) else "unexplained"
 
-    def agreeing(self, base: Evaluation) -> Evaluation:
+    @cached_property
+    def judged(self) -> Evaluation:
         """What is judged: the rig file as it is, where calibration ends at its bounds.
 
         Or trades the response for its most precise harmonics: leaves more of it, of the records held out too. What a
         room does to it comes in where more than noise is left otherwise.
         """
-        if not tolerable(self.trust, base):
-            base = self.nominal
+        base = self.base if tolerable(self.trust, self.base) else self.nominal
         left, before = ([nrmse(self._noise(e).white), *self._unseen(e)] for e in (base, self.nominal))
         if all(a > b for a, b in zip(left, before, strict=True)):
             base = self.nominal
         return base if self._fits(base) or self._room is None else self._room
 
-    def told(self, base: Evaluation) -> str:
+    @property
+    def told(self) -> str:
         """What a room does, where that is judged; else nothing."""
-        return "" if self._room is None or self.agreeing(base) is not self._room else told_of_room(self._room)
+        return "" if self.judged is self.base or self.judged is self.nominal else told_of_room(self.judged)
 
     @cached_property
     def _room(self) -> Evaluation | None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
-from hbm.diagnosis.fullfits import DISTORTED
+from hbm.diagnosis.fullfits import distorted
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import first_of, nearly_all, percent, within_noise
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
@@ -287,7 +287,7 @@ def _distorted(d: Diagnosis) -> bool:
     if d.campaign is None or d.floored or d.nominal is None:
         return False
     rig = d.nominal.model.nominal if d.extended is None else d.extended
-    return (d.campaign.data.distorted or 0.0) > DISTORTED and not rig.excitation.measured_harmonics
+    return distorted(d.campaign) and not rig.excitation.measured_harmonics
 
 
 def _named(records: Sequence[str]) -> str:

@@ -181,9 +181,7 @@ def _changes(
         kept = [dict(spare_forces(p.rig, solution)) for p, solution in zip(problems, solutions, strict=True)]
         ports = sorted(set().union(*kept))
         changes, pushed = joint_changes_together(solved, keys, data.channels, ports)
-        return changes, [
-            _history(by, dict.fromkeys(ports, 0.0) | own, data) for by, own in zip(pushed, kept, strict=True)
-        ]
+        return changes, [_history(by, ports, own, data) for by, own in zip(pushed, kept, strict=True)]
     changes, histories = changes_together(solved, keys, data.channels), []
     for i, (problem, solution) in enumerate(zip(problems, solutions, strict=True)):
         spare = spare_friction(problem.rig, solution)
@@ -192,18 +190,16 @@ def _changes(
     return changes, histories
 
 
-def _history(pushed: Array, spare: Mapping[int, float], data: Measurement) -> Array | None:
+def _history(pushed: Array, ports: list[int], spare: Mapping[int, float], data: Measurement) -> Array | None:
     """Change of the amplitudes (2, c, H, k) with one standard deviation of the mean force of each joint that sticks.
 
-    By what constant forces at some ports do (c + b, 2H'+1, b), and what each of these can hold.
+    By what constant forces at some ports do (c + b, 2H'+1, b), and what those of joints that stick can hold.
     """
-    b = np.arange(len(spare))
-    size = np.array(list(spare.values())) / np.sqrt(3.0) / pushed[len(data.channels) + b, 0, b]
-    sticks = np.array(list(spare.values())) > 0.0
-    if not sticks.any():
+    if not spare:
         return None
-    seen = pushed[: len(data.channels), :, sticks]
-    return np.asarray(_parts(seen[None], data.H)[0] * size[sticks])
+    at, sensors = np.array([ports.index(port) for port in spare]), len(data.channels)
+    size = np.array(list(spare.values())) / np.sqrt(3.0) / pushed[sensors + at, 0, at]
+    return np.asarray(_parts(pushed[None, :sensors, :, at], data.H)[0] * size)
 
 
 def _parts(coefficients: Array, H: int) -> Array:

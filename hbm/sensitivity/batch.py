@@ -6,10 +6,11 @@ balance is solved for them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from hbm.balance.batch import Slopes, Which, some
+from hbm.balance.batch import Slopes, Together, Which, some
 from hbm.balance.batchednewton import Matrices, Solved
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
@@ -17,6 +18,7 @@ from hbm.sensitivity.held import mixing_of, still_of
 from hbm.sensitivity.heldplaces import HeldPlaces, places_change
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
 from models.change import structure_change
+from models.parts import Channel
 from models.reduction import StructureChange
 from models.scalars import FORCE, HZ, LOAD, SENSORS, law_keys
 
@@ -234,18 +236,29 @@ def changes_together(found: Solved[Matrices], keys: Sequence[str], sensors: Sequ
     )
 
 
+def reading_changed(
+    batch: Together[Any], sensor: Channel, keys: tuple[str, ...], reads: Array, displacement: Array
+) -> Array:
+    """Change (R, 2H+1, p) of what a sensor reads with p numbers, its own among them, which move its place so much."""
+
+    def equal(name: str) -> Array:
+        return np.array([float(key == name) for key in keys])
+
+    change, seen, hz = batch.read(sensor, displacement), reads[..., None], equal(HZ)
+    change += seen * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * hz
+    gain, delay = (equal(f"{SENSORS}{sensor.name}.{what}") for what in ("gain", "delay"))
+    later = delay * batch.Omega[..., None] + sensor.delay * 2 * np.pi * hz
+    return np.asarray(change + seen / sensor.gain * gain - batch.turning(reads)[..., None] * later)
+
+
 class _Read:
     """What sensors read of some states, and how it changes with p numbers."""
 
     def __init__(self, found: Solved[Matrices], keys: tuple[str, ...], change: StructureChange) -> None:
         self.batch, self.keys, self.d, (self.Q, self.T) = found.matrices.batch, keys, change, found.motions
         self.given, self.d_places = found.seen.given, places_change(self.batch.first.rig, keys)
-        self.hz = self._is(HZ)
         self.sensors = {c.name: c for c in self.batch.first.rig.response_channels}
         self.places = {name: place for place, name in enumerate(self.sensors, start=2)}
-
-    def _is(self, name: str) -> Array:
-        return np.array([float(key == name) for key in self.keys])
 
     def _rows(self, name: str) -> tuple[Array, float, float]:
         """Row of the modes; motion by the excitation and by friction beyond them."""
@@ -280,8 +293,4 @@ class _Read:
         displacement += batch.force[..., None] * d.flexibility[:, place, 1]
         displacement += self.given @ self.d_places.residual[:, :, place].T
         displacement[..., acting] += row @ Q + by_force * force + by_friction * T + self._beyond(name) @ given
-        change, seen = batch.read(sensor, displacement), reads[..., None]
-        change += seen * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
-        gain, delay = (self._is(f"{SENSORS}{name}.{what}") for what in ("gain", "delay"))
-        later = delay * batch.Omega[..., None] + sensor.delay * 2 * np.pi * self.hz
-        return change + seen / sensor.gain * gain - batch.turning(reads)[..., None] * later
+        return reading_changed(batch, sensor, self.keys, reads, displacement)

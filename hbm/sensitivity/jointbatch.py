@@ -7,15 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hbm.balance.batch import amplitudes, real
 from hbm.balance.batchednewton import Solved
 from hbm.balance.jointbatch import JointMatrices, followed
-from hbm.channels import DERIVATIVES, factor
 from hbm.fourier import Array
-from hbm.sensitivity.batch import Changes
+from hbm.sensitivity.batch import Changes, reading_changed
 from hbm.sensitivity.jointed import law_changes, tone_changes
 from models.parts import Channel
-from models.scalars import FORCE, HZ, SENSORS
+from models.scalars import FORCE, HZ
 
 
 @np.errstate(all="ignore")  # where a curve folds there are none, which `solved` tells
@@ -127,21 +125,16 @@ class _Held:
             )
         return batch.in_turn(u, w, loads)
 
-    def _read(self, sensor: Channel, displacement: Array) -> Array:
-        """What a sensor reads of displacements (R, 2H+1, ...) at its place."""
-        factors = factor(sensor, 1j * self.batch.Omega * np.arange(self.batch.basis.H + 1))
-        return real(amplitudes(displacement) * factors.reshape(*factors.shape, *(1,) * (displacement.ndim - 2)))
-
     def reads(self, i: int, sensor: Channel) -> Array:
         """Coefficients (R, 2H+1)."""
         s = self.batch.structure
         moved = self.Q @ s.channels[i] + self.T @ s.channels_by_joints[i] + s.channels_by_force[i] * self.batch.force
-        return self._read(sensor, moved)
+        return self.batch.read(sensor, moved)
 
     def pushed(self, i: int, sensor: Channel, Q: Array, T: Array) -> Array:
         """Change (R, 2H+1, b) with that of the unknowns (R, 2H+1, ..., b)."""
         s = self.batch.structure
-        return self._read(sensor, s.channels[i] @ Q + s.channels_by_joints[i] @ T)
+        return self.batch.read(sensor, s.channels[i] @ Q + s.channels_by_joints[i] @ T)
 
     def changed(self, i: int, sensor: Channel, reads: Array, Q: Array, T: Array) -> Array:
         """Change (R, 2H+1, p) of `reads` with the numbers, which move the unknowns (R, 2H+1, ..., p)."""
@@ -149,8 +142,4 @@ class _Held:
         displacement = s.channels[i] @ Q + s.channels_by_joints[i] @ T + s.channels_by_force[i] * self.force
         own = self.Q @ d.channels[i] + self.T @ d.channels_by_joints[i]
         displacement[..., self.moving] += own + np.multiply.outer(batch.force, d.channels_by_force[i])
-        change, seen = self._read(sensor, displacement), reads[..., None]
-        change += seen * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
-        gain, delay = (self._is(f"{SENSORS}{sensor.name}.{what}") for what in ("gain", "delay"))
-        later = delay * batch.Omega[..., None] + sensor.delay * 2.0 * np.pi * self.hz
-        return np.asarray(change + seen / sensor.gain * gain - batch.turning(reads)[..., None] * later)
+        return reading_changed(batch, sensor, self.keys, reads, displacement)

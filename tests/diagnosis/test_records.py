@@ -163,10 +163,10 @@ def test_what_a_room_does_is_no_cause_and_told(measured, times, verdict):
     drift = evaluate(model, data, np.array([model.free[0].of(rate)]), {})
     noise = np.random.default_rng(0).standard_normal(len(drift.white))
     explains = replace(drift, white=replace(drift.white, residual=noise))
-    judged = NoCause(Model(rig, {}), nominal, [explains], data, lambda e: None)
-    assert judged.verdict(nominal) == verdict
-    assert judged.told(nominal)[:36] == ("beam.youngs_modulus drifts by -0.10%" if times < 0.0 else "")
-    assert NoCause(Model(rig, {}), nominal, [drift], data, lambda e: None).verdict(nominal) == "unexplained"
+    judged = NoCause(Model(rig, {}), nominal, nominal, [explains], data, lambda e: None)
+    assert judged.verdict == verdict
+    assert judged.told[:36] == ("beam.youngs_modulus drifts by -0.10%" if times < 0.0 else "")
+    assert NoCause(Model(rig, {}), nominal, nominal, [drift], data, lambda e: None).verdict == "unexplained"
 
 
 def test_phases_of_the_harmonics_are_those_of_the_file(measured):

@@ -277,7 +277,7 @@ def judged(
         _holds=lambda scored: True,
         _as_well=lambda best, scored: predicts,
         calibrated=None,
-        _plain=SimpleNamespace(verdict=lambda base: "none"),
+        _no_cause=SimpleNamespace(verdict="none"),
     )
     return Conclusion._claimed.func(concluded)
 
@@ -304,7 +304,7 @@ def test_a_cause_has_a_size_unless_records_held_out_tell_of_it(
         _lead=lead,
         _untested=untested,
         _std=None,
-        _plain=SimpleNamespace(verdict=lambda base: "none"),
+        _no_cause=SimpleNamespace(verdict="none"),
     )
     assert Conclusion.verdict.func(concluded) == said
 
