@@ -18,6 +18,7 @@ from models.joints import (
     HystereticDamping,
     JointLaw,
     PolynomialSpring,
+    Separation,
     Stop,
 )
 
@@ -301,6 +302,22 @@ class JointMicroslip(LocalMicroslip):
         return values["stiffness"]
 
 
+class JointOpening(AddedJoint):
+    """A contact, pressed at rest, that the modes hold, and that opens."""
+
+    name = "joint-opening"
+    meaning = "a contact that is closed in the modes as they were identified opens, one way"
+    looks_like = "nothing below a threshold of the amplitude; then even and odd harmonics, frequencies fall"
+    confused_with = "polynomial-stiffness, one-sided-stop, joint-slip"
+    check = "press it harder and repeat the records missed most, or measure just below and above where it sets in"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("gap", "m", "gap", (0, 1, 0), ONSETS),
+    )
+    made = Separation
+    one_sided = True
+
+
 class LocalDahl(AddedJoint):
     """Dahl's bristles."""
 
@@ -362,5 +379,6 @@ JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     LocalBacklash,
     JointSlip,
     JointMicroslip,
+    JointOpening,
 )
 """Joints, and masses, that may not have been modelled."""

@@ -4,7 +4,7 @@ from models.joints.joint import Joint
 from models.joints.law import JointLaw, JointSample, numbers
 from models.joints.lossy import Backlash, HystereticDamping
 from models.joints.rubbing import Friction, PlaneFriction
-from models.joints.springs import Clearance, CubicSpring, Dashpot, PolynomialSpring, Stop
+from models.joints.springs import Clearance, CubicSpring, Dashpot, PolynomialSpring, Separation, Stop
 
 __all__ = [
     "JOINT_LAWS",
@@ -19,12 +19,23 @@ __all__ = [
     "JointSample",
     "PlaneFriction",
     "PolynomialSpring",
+    "Separation",
     "Stop",
     "numbers",
 ]
 
 JOINT_LAWS: dict[str, type] = {
     law.name: law
-    for law in (PolynomialSpring, CubicSpring, Dashpot, Stop, Clearance, HystereticDamping, Backlash, PlaneFriction)
+    for law in (
+        PolynomialSpring,
+        CubicSpring,
+        Dashpot,
+        Stop,
+        Separation,
+        Clearance,
+        HystereticDamping,
+        Backlash,
+        PlaneFriction,
+    )
 }
 """Laws of joints by name, beside the friction laws."""

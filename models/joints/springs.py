@@ -75,6 +75,22 @@ class Stop(Memoryless):
 
 
 @dataclass(frozen=True, eq=False)
+class Separation(Memoryless):
+    """What a contact pressed at rest, which the body holds as a spring, loses where it opens: it pulls no more."""
+
+    name: ClassVar[str] = "separation"
+
+    stiffness: Value = field(
+        metadata=parameter("N/m", "stiffness of the contact while it is closed", "catalogue of causes", strict=False)
+    )
+    gap: Value = field(metadata=parameter("m", "displacement at which it opens", "catalogue of causes", strict=False))
+
+    def force(self, u: Value, v: Value) -> list[Value]:
+        """Push on where the spring would pull back."""
+        return [self.stiffness * ca.fmax(u[0] - self.gap, 0.0)]
+
+
+@dataclass(frozen=True, eq=False)
 class Clearance(Memoryless):
     """Spring behind a clearance on both sides, in touch where |u| > gap."""
 

@@ -49,6 +49,7 @@ from models.causes.addedjoint import AddedJoint, ends_of
 from models.causes.joints import (
     JOINT_CAUSES,
     CubicStiffness,
+    JointOpening,
     LocalDamper,
     LocalFriction,
     LocalMass,
@@ -346,6 +347,23 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     best = max(scan(base, campaign, causes), key=lambda s: s.drop)
     assert best.cause.at == at and best.cause.to == ""
     assert best.starts[0][name] == pytest.approx(size, rel=within)
+
+
+def test_a_contact_that_the_modes_hold_closed_is_found_where_it_opens() -> None:
+    """The structure without it, and a contact whose force goes with the motion until it pulls as much as it pressed."""
+    k, opening = 300.0, 1e-4
+    squares, turned = eigh(np.diag((2 * np.pi * NOMINAL.hz) ** 2) + k * np.outer(ROWS["b"], ROWS["b"]))
+    closed = Modes(np.sqrt(squares) / (2 * np.pi), NOMINAL.ratio, {name: row @ turned for name, row in ROWS.items()})
+
+    def pressed(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return -k * np.minimum(u, opening), z
+
+    base, campaign = exactly(closed, NOMINAL, pressed, ROWS["b"])
+    causes = [c for c in all_candidates(base.model.nominal) if isinstance(c, AddedJoint)]
+    best = max(scan(base, campaign, causes), key=lambda s: s.drop)
+    assert best.cause == JointOpening("b")
+    assert best.starts[0]["stiffness"] == pytest.approx(k, rel=0.2)
+    assert best.starts[0]["gap"] == pytest.approx(opening, rel=0.5)  # of a few onsets, each half of the next
 
 
 def test_joints_run_first_at_the_place_where_a_free_force_explains_the_records() -> None:

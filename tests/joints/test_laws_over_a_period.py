@@ -33,6 +33,7 @@ from models.joints import (
     HystereticDamping,
     PlaneFriction,
     PolynomialSpring,
+    Separation,
     Stop,
 )
 from models.joints.law import with_numbers
@@ -57,6 +58,7 @@ LAWS = {
     "cubic": (CubicSpring(2.0), 0.0),
     "dashpot": (Dashpot(0.3, 0.2), 0.0),
     "stop": (Stop(3.0, 0.1), 0.0),
+    "separation": (Separation(0.6, 0.1), 0.0),
     "clearance": (Clearance(3.0, 0.1), 0.0),
     "loss factor": (HystereticDamping(0.4, 0.2), 0.0),
     "backlash": (Backlash(3.0, 0.4, 0.2), 0.0),
