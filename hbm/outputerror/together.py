@@ -178,7 +178,7 @@ def _changes(
     """Derivatives of records to keys; and of each what the history of what sticks does to it."""
     problems = solved.matrices.batch.problems
     if isinstance(solved.matrices, JointMatrices):
-        kept = [dict(spare_forces(p.rig, solution)) for p, solution in zip(problems, solutions, strict=True)]
+        kept = [dict(spare_forces(p, solution)) for p, solution in zip(problems, solutions, strict=True)]
         ports = sorted(set().union(*kept))
         changes, pushed = joint_changes_together(solved, keys, data.channels, ports)
         return changes, [_history(by, ports, own, data) for by, own in zip(pushed, kept, strict=True)]

@@ -91,7 +91,7 @@ def test_motion_beside_a_joint_that_sticks_depends_on_its_mean_as_time_integrati
     solution = steady_state(of_joints(limit, k3), 22.0, harmonics=9)
     data = Measurement((), ("x",), H, np.zeros(0))
     change = history_of_joints(linearized(of_joints(limit, k3), solution), solution, data)[:, 0, :, 0]
-    ((port, spare),) = spare_forces(of_joints(limit, k3), solution)
+    ((port, spare),) = spare_forces(linearized(of_joints(limit, k3), solution).problem, solution)
     assert port == 0 and spare == pytest.approx(limit - np.ptp(solution["pad.force"].samples) / 2, rel=1e-12)
     forth, back = marched(f0, k3), marched(-f0, k3)
     between = 2 * f0 + STIFFNESS * (forth.mean() - back.mean())
@@ -107,8 +107,9 @@ def test_motion_beside_a_joint_that_sticks_depends_on_its_mean_as_time_integrati
 def test_joint_that_slips_has_no_say_in_its_mean():
     rig = of_joints(0.5, 3e10)
     slipping = steady_state(rig, 22.0, level=5.0, harmonics=9)
-    assert list(spare_forces(rig, slipping)) == []
-    assert history_of_joints(linearized(rig, slipping), slipping, Measurement((), ("x",), H, np.zeros(0))) is None
+    here = linearized(rig, slipping)
+    assert list(spare_forces(here.problem, slipping)) == []
+    assert history_of_joints(here, slipping, Measurement((), ("x",), H, np.zeros(0))) is None
 
 
 def in_plane(pad: Joint, k3: float = 3e10) -> JointedRig:
@@ -127,7 +128,7 @@ def test_joint_in_a_plane_that_sticks_holds_what_its_circle_leaves_at_every_inst
     solution = steady_state(rig, 22.0, level=8.0, harmonics=9)
     forces = np.array([solution[name].samples for name in rig.forces[:3]])
     assert np.ptp(forces[2]) > 1.0  # the load varies
-    spare = dict(spare_forces(rig, solution))[port]
+    spare = dict(spare_forces(linearized(rig, solution).problem, solution))[port]
 
     def holds(mean: float) -> bool:
         along = forces[port] + mean
@@ -148,3 +149,52 @@ def test_joint_in_a_plane_is_as_free_along_a_line_as_one_of_a_line():
         found.append(history_of_joints(linearized(rig, solution), solution, data)[..., 0])
     assert np.abs(found[1]).max() > 0.0
     np.testing.assert_allclose(*found, rtol=0.0, atol=1e-6 * np.abs(found[1]).max())
+
+
+def under_a_reaction(mu: float, load: float, of_modes: float, share: float) -> JointedRig:
+    """One mode at a joint that the reaction of a support loads."""
+    body = ModalModel((20.0,), {"tip": (1.0,)}, reactions={"wall": (of_modes,)}, shares={"wall": (share,)})
+    pad = Joint("pad", Friction(Jenkins(mu, mu * load / STIFFNESS), load), ("tip",), loaded_by="wall")
+    channels = (Channel("force", "force"), Channel("x", "displacement", at="tip"))
+    return JointedRig("loaded", body, Damping(modal_ratios=(RATIO,)), (pad,), Excitation(1.0, at="tip"), channels)
+
+
+def settled(rest: float, mu: float, load: float, of_modes: float, share: float, steps: int = 128) -> np.ndarray:
+    """Friction (steps,) of that joint, which sticks with so large a force at rest until it slips, by a march in time.
+
+    The reaction is of_modes (q'' + d q') - share (T + F), and so linear in T. The excitation grows for ten periods.
+    """
+    Omega, w, mine = 2 * np.pi * 22.0, 2 * np.pi * 20.0, of_modes - share
+    h, u, v, anchor, friction = 2 * np.pi / Omega / steps, 0.0, 0.0, rest / STIFFNESS, np.empty(steps)
+
+    def rate(t: float, u: float, v: float) -> tuple[float, float, float]:
+        F = min(Omega * t / (20 * np.pi), 1.0) * cos(Omega * t)
+        pressed = load + mine * F - of_modes * w**2 * u
+        least, most = -mu * pressed / (1 + mu * mine), mu * pressed / (1 - mu * mine)
+        T = min(max(STIFFNESS * (anchor - u), least), most)
+        return v, F + T - 2 * RATIO * w * v - w**2 * u, T
+
+    for i in range(40 * steps):
+        t = i * h
+        a = rate(t, u, v)
+        b = rate(t + h / 2, u + h / 2 * a[0], v + h / 2 * a[1])
+        c = rate(t + h / 2, u + h / 2 * b[0], v + h / 2 * b[1])
+        d = rate(t + h, u + h * c[0], v + h * c[1])
+        u += h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+        v += h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        friction[i % steps] = T = rate(t + h, u, v)[2]
+        anchor = u + T / STIFFNESS
+    return friction
+
+
+def test_joint_under_a_reaction_that_sticks_holds_what_marches_from_far_off_come_to():
+    """Pushed aside in either direction it slips until the most is left that its limit holds at every instant."""
+    numbers = (0.5, 6.0, 0.3, 0.25)
+    solution = steady_state(under_a_reaction(*numbers), 22.0, level=1.0, harmonics=9)
+    ((port, spare),) = spare_forces(linearized(under_a_reaction(*numbers), solution).problem, solution)
+    forth, back = settled(4.0, *numbers), settled(-4.0, *numbers)
+    assert port == 0 and spare == pytest.approx((forth.mean() - back.mean()) / 2, rel=5e-4)
+    assert np.ptp(forth) == pytest.approx(np.ptp(solution["pad.force"].samples), rel=1e-4)  # it sticks in the end
+    assert back.mean() < solution["pad.force"].samples.mean() < forth.mean()
+    data = Measurement((), ("x",), H, np.zeros(0))
+    assert history_of_joints(linearized(under_a_reaction(*numbers), solution), solution, data) is not None
