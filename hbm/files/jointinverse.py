@@ -23,7 +23,7 @@ from hbm.files.inversefiles import (
     has_netcdf,
     record_columns,
 )
-from hbm.files.inversereport import PAGE_FILE, with_std
+from hbm.files.inversereport import OVERSHOOT, PAGE_FILE, with_std
 from hbm.files.outputs import Columns, columns_text
 from hbm.files.rigerrors import FILES as RIG_FILES
 from hbm.files.rigerrors import Contents, rig_error_contents, rig_error_section
@@ -37,7 +37,10 @@ FILES = (*TABLES, *RIG_FILES, PAGE_FILE, *(name for plate in PLATES for name in 
 """All files that can be in the folder."""
 
 JOINT_HEADINGS = ("joint", "port", "force peak", "motion peak", "energy lost, most in a record")
-JOINT_NOTE = "peaks over all records, without the means; ± is one standard deviation, by noise"
+JOINT_NOTE = (
+    "peaks over all records, without the means; ± is one standard deviation there, by noise and harmonics above; "
+    f"{OVERSHOOT}"
+)
 
 
 def joint_inverse_contents(

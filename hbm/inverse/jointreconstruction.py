@@ -142,7 +142,9 @@ class JointReconstruction(Reconstructed):
 
     def __repr__(self) -> str:
         """Sentences: the size of each force, its uncertainty, and warnings."""
-        lines = [f"joint forces of {self.rig.name}, {len(self)} records, peak ± standard deviation there:"]
+        lines = [
+            f"joint forces of {self.rig.name}, {len(self)} records, peak of the series ± standard deviation there:"
+        ]
         for name in self.rig.forces:
             s = self.signals[name]
             peak = np.abs(s.samples)

@@ -109,6 +109,9 @@ def test_the_truth_lies_within_the_stated_intervals_at_the_stated_rate(
             inside.append(np.abs(pull) < 1.96)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
     signals = table(tmp_path / "out" / "reconstruction.csv")
+    peak, said = np.abs(signals["bolt 1.force"]).max(), " ".join(result.stdout.split())
+    assert peak > 1.03 * 4.0  # of five harmonics, where the limit is 0.1 times 40 N: said to be no limit
+    assert "their series overshoots a limit at which friction slides" in said
     phase = 2 * np.pi * signals["phase"][:256, None] * np.arange(1, MORE + 1)
     waves = np.hstack([np.zeros((256, 1)), np.cos(phase), np.sin(phase)])  # means are not known
     noise_alone, inside = [], []
