@@ -209,7 +209,7 @@ def identify_page(
     best, r = ranked(laws)[0], reconstruction
     table = Section(
         "Laws",
-        table=Table(*law_table(laws), "misfit: per degree of freedom, 1 is noise alone; ± is one standard deviation"),
+        table=Table(*law_table(laws), "misfit: per degree of freedom; ± is one standard deviation"),
         csv=(LAW_FILE, PARAMETER_FILE),
     )
     return Page(
@@ -224,7 +224,7 @@ def identify_page(
             ("Best law", best.law),
             *((v.name, value_text(v)) for v in best.values),
             *((f"{name}, by the rig file", f"± {std}") for name, std, _ in ([] if errors is None else errors.told)),
-            ("Misfit per degree of freedom", f"{best.chi2_reduced:.3g} (1: only noise is left)"),
+            ("Misfit per degree of freedom", f"{best.chi2_reduced:.3g} (1: as much as standard deviations say)"),
         ),
         sections=(
             table,

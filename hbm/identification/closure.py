@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from hbm.aft.force import ContactForce, Environment, InputChange, LawOverPeriod
 from hbm.errors import InputError
@@ -140,12 +141,10 @@ class LawOnRecords:
         moved = np.outer(record.by_mean, change[0]) - change
         return np.asarray(moved[self.observed.compared])
 
-    def root(self, record: ObservedRecord, answer: Answer) -> Array:
-        """Lower factor L of the covariance L L' of the residual [N].
+    def deviations(self, record: ObservedRecord, answer: Answer) -> Array:
+        """Deviations (2 harmonics, m) of the residual by those of the record [N].
 
-        Noise of the reconstructed force and, through the law's slope, of the slip and reaction it is shown; a floor
-        for what numerics leave, and for the second order of the law's slope: the square of the largest deviation
-        over the force. It is factored as it is: squared, deviations of a loop that hardly closes would drown the rest.
+        By noise of the reconstructed force and, through the law's slope, of the slip and reaction it is shown.
         """
         law: Array = np.zeros(record.noise.shape[1:])
         slopes = (answer.slopes.by_u, answer.slopes.by_rho, answer.slopes.by_eta)
@@ -153,11 +152,27 @@ class LawOnRecords:
             if slope is not None:
                 law += slope @ noise
         law = np.asarray(np.linalg.solve(answer.matrix, law))
-        deviations = record.noise[0][self.observed.compared] + self.residual_change(record, law)
+        return np.asarray(record.noise[0][self.observed.compared] + self.residual_change(record, law))
+
+    def root(self, record: ObservedRecord, answer: Answer) -> Array:
+        """Lower factor L of the covariance L L' of the residual [N].
+
+        Its deviations; a floor for what numerics leave, and for the second order of the law's slope: the square of the
+        largest deviation over the force. It is factored as it is: squared, deviations of a loop that hardly closes
+        would drown the rest.
+        """
+        deviations = self.deviations(record, answer)
         force = max(float(np.abs(record.friction[1:]).max()), np.finfo(float).tiny)
         second_order = float(np.linalg.norm(deviations, 2)) ** 2 / force
         floor = np.hypot(FORCE_FLOOR * force, min(second_order, force))
         return np.asarray(np.linalg.qr(np.vstack([deviations.T, floor * np.eye(len(deviations))]), mode="r")).T
+
+    def by_noise(self, record: ObservedRecord, answer: Answer) -> float:
+        """The chi2 of a record that noise alone makes, less than its coefficients: standard deviations have floors."""
+        deviations = self.deviations(record, answer)
+        noise = deviations[:, : deviations.shape[1] - record.numerical]
+        white = linalg.solve_triangular(self.root(record, answer), noise, lower=True)
+        return float(np.sum(white**2))
 
 
 def _feedback(slopes: ContactForce, record: ObservedRecord) -> Array:

@@ -152,7 +152,8 @@ def _words(
 def _sentences(best: LawFit, ranking: Sequence[Ranked], unit: float) -> Iterable[str]:
     quality = best.quality
     score = "" if best.held_out is None else f", {best.held_out.chi2_reduced:.3g} per coefficient held out"
-    yield f"{best.name} is the best of {len(ranking)} laws (reduced chi2 {quality.chi2_reduced:.3g}{score})."
+    floor = f"; {quality.floor}" if quality.floor else ""
+    yield f"{best.name} is the best of {len(ranking)} laws (reduced chi2 {quality.chi2_reduced:.3g}{score}{floor})."
     if unit > 1.0:
         yield (
             f"No law fits within the noise (p = {quality.probability:.1g}): standard deviations are multiplied by "

@@ -116,6 +116,12 @@ class LeastSquares:
         pairs = zip(self.observed.records, self.answers(x), strict=True)
         return np.array([self.model.root(record, answer) for record, answer in pairs])
 
+    def by_noise(self, x: Array) -> float:
+        """The chi2 per coefficient that noise alone makes, 1 at most."""
+        records = self.observed.records
+        chi2 = sum(self.model.by_noise(record, answer) for record, answer in zip(records, self.answers(x), strict=True))
+        return min(chi2 / max(sum(record.informed for record in records), 1.0), 1.0)
+
     def weights(self, x: Array) -> tuple[Array, Array]:
         """Factors of the covariances, enlarged for strange records; and the factor of each record, (r,)."""
         roots = self.roots(x)

@@ -217,7 +217,8 @@ def _fit_law(
 def _law_fit(problem: LeastSquares, found: Judged, score: HeldOut | None, scales: Scales) -> LawFit:
     observed, of = problem.observed, problem.candidate
     informed = sum(record.informed for record in observed.records)
-    quality = Quality(float(found.chi2.sum()), informed, len(found.x), problem.model.evaluations)
+    by_noise = problem.by_noise(found.x)
+    quality = Quality(float(found.chi2.sum()), informed, len(found.x), problem.model.evaluations, by_noise)
     basis, H = observed.basis, observed.measured
     amplitudes = np.array([basis.complex(answer.T)[: H + 1] for answer in found.answers])
     loops = _loops(observed, amplitudes)

@@ -14,6 +14,9 @@ from models.friction import FrictionLaw
 FITS = 1e-3
 """A law fails where a chi2 as large is less probable than this by noise alone."""
 
+FLOORED = 0.5
+"""A floor for numerics is told where noise alone makes less than this of a reduced chi2 of 1."""
+
 CORRELATED = 0.3
 """Correlations are printed from this size up."""
 
@@ -117,12 +120,15 @@ class Quality:
         Parameters fitted.
     evaluations : int
         Periods of the law, or steady states, that were computed.
+    by_noise : float
+        The reduced chi2 that noise alone makes: below 1 where standard deviations hold a floor for what numerics leave.
     """
 
     chi2: float
     informed: float
     free: int
     evaluations: int
+    by_noise: float = 1.0
 
     @property
     def dof(self) -> float:
@@ -133,6 +139,13 @@ class Quality:
     def chi2_reduced(self) -> float:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof
+
+    @property
+    def floor(self) -> str:
+        """What a floor for numerics does to the reduced chi2, in words; empty where it does little."""
+        if self.by_noise > FLOORED:
+            return ""
+        return f"noise alone makes {self.by_noise:.2g}, standard deviations hold a floor for numerics"
 
     @property
     def probability(self) -> float:
@@ -165,6 +178,8 @@ class Quality:
             f"    reduced chi-square = {self.chi2_reduced:.4g}",
             f"    Bayesian info crit = {self.bic:.5g}",
         ]
+        if self.floor:
+            lines.append(f"    {self.floor}")
         if not self.fits:
             lines.append(
                 f"    FAILS: chi2 is improbable by noise alone (p = {self.probability:.1g}); standard deviations are "

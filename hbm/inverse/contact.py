@@ -22,6 +22,9 @@ from hbm.inverse.unseen import Unseen, signal_rows
 SAMPLES = 256
 """Samples per period, at least."""
 
+SHOWN = ("friction", "modal_slip", "rho", "eta")
+"""Friction, and what laws that are to make it are shown."""
+
 NEARLY, SETTLED = 0.1, 0.9
 """Friction is near its limit within this share of it; means are settled where that is so for this share of a stroke."""
 
@@ -182,13 +185,12 @@ class Contact:
 
     # ---- for friction laws
 
-    @property
-    def law_inputs(self) -> LawInputs:
-        """Signals that a friction law is shown."""
-        shown = ("modal_slip", "rho", "eta")
-        factor = np.stack([self._deviations(name) for name in ("friction", *shown)], axis=2)
-        u, rho, eta = (self.amplitudes[name] for name in shown)
-        return LawInputs(u, rho, eta, factor)
+    def law_inputs(self, other: "Contact", slips: npt.NDArray[np.bool_]) -> LawInputs:
+        """Signals that a friction law is shown; `other` has a mean friction that is a standard deviation larger."""
+        factor = np.stack([self._deviations(name) for name in SHOWN], axis=2)
+        moved = np.stack([other.amplitudes[name] - self.amplitudes[name] for name in SHOWN], axis=2)
+        u, rho, eta = (self.amplitudes[name] for name in SHOWN[1:])
+        return LawInputs(u, rho, eta, factor, np.where(slips[:, None, None], 0.0, moved))
 
 
 def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:

@@ -18,7 +18,7 @@ from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness, sensing
 from models.structure import ModalStructure
 
-ABOVE = 16
+ABOVE = 48
 """Harmonics above those measured at which a law's own motion is worked out."""
 
 SAMPLES = 1024
@@ -53,6 +53,8 @@ class ObservedRecord:
         Change of the reconstructed force with the mean friction that is assumed.
     noise : (4, 2H+1, m) array
         Deviations of (T, u, rho, eta) by m independent numbers of unit variance.
+    numerical : int
+        How many of these, the last ones, are no noise but a floor for what numerics leave.
     informed : float
         How many of the coefficients the sensors decide, not the prior of the reconstruction.
     """
@@ -67,6 +69,7 @@ class ObservedRecord:
     gains: Complex
     by_mean: Array
     noise: Array
+    numerical: int
     informed: float
 
     @property
@@ -154,7 +157,8 @@ def _record(r: Reconstruction, i: int, basis: FourierBasis, by_mean: Complex, in
         signals=np.stack([_wide(s[i], basis) for s in (shown.u, shown.rho, shown.eta)], axis=1),
         gains=_gains(r.rig.structure, 2 * np.pi * float(r.spectra.hz[i]), basis.H, r.H, slips),
         by_mean=_wide(by_mean if slips else np.zeros_like(by_mean), basis),
-        noise=_noise(shown.factor[i] * r.widening[i], shown.u[i], basis),
+        noise=_noise(shown.factor[i] * r.widening[i], shown.by_kept[i], shown.u[i], basis),
+        numerical=2 * r.H,
         informed=informed,
     )
 
@@ -166,8 +170,8 @@ def _wide(amplitudes: Complex, basis: FourierBasis) -> Array:
     return basis.real(out)
 
 
-def _noise(factor: Complex, u: Complex, basis: FourierBasis) -> Array:
-    """Deviations of coefficients (4, 2H+1, m) of complex ones (H+1, 4, m), with the numerical floor of u."""
+def _noise(factor: Complex, by_kept: Complex, u: Complex, basis: FourierBasis) -> Array:
+    """Deviations of coefficients (4, 2H+1, m) of complex ones (H+1, 4, m), by a mean (H+1, 4), and the floor of u."""
     measured, _, m = factor.shape
     k, H = np.arange(measured), basis.H
     out = np.zeros((4, basis.size, measured, 2, m))
@@ -177,7 +181,8 @@ def _noise(factor: Complex, u: Complex, basis: FourierBasis) -> Array:
     turning = np.concatenate([k[1:], H + k[1:]])
     floor = np.zeros((4, basis.size, len(turning)))
     floor[1, turning, np.arange(len(turning))] = SLIP_FLOOR * np.abs(u[1:]).max()
-    return np.concatenate([out.reshape(4, basis.size, -1), floor], axis=2)
+    kept = np.array([_wide(moved, basis) for moved in by_kept.T])[..., None]
+    return np.concatenate([out.reshape(4, basis.size, -1), kept, floor], axis=2)
 
 
 def _gains(s: ModalStructure, Omega: float, wide: int, measured: int, slips: bool) -> Complex:

@@ -182,7 +182,7 @@ def _reconstruction(contact: Contact, other: Contact, formulation: str, slips: n
         residual=_residual(seen, estimate),
         resolution=estimate.resolution,
         condition=estimate.condition,
-        law_inputs=contact.law_inputs,
+        law_inputs=contact.law_inputs(other, slips),
         warnings=(),
     )
 

@@ -129,12 +129,16 @@ class LawInputs:
         Modal slip (without the residual compliance's part), and the reaction R = rho + eta T.
     factor : (r, H+1, 4, m) complex array
         Deviations of (T, u, rho, eta) are ``factor @ xi``, real and imaginary parts of xi independent, unit variance.
+    by_kept : (r, H+1, 4) complex array
+        Their changes with the mean friction that a contact which sticks may have kept, one standard deviation of it; 0
+        of one that slips.
     """
 
     u: Complex
     rho: Complex
     eta: Complex
     factor: Complex
+    by_kept: Complex
 
 
 @dataclass(frozen=True, eq=False)

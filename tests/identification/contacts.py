@@ -10,12 +10,12 @@ import numpy as np
 from hbm.aft.force import Environment, LawOverPeriod
 from hbm.fourier import FourierBasis
 from hbm.identification.start import Scales
-from hbm.inverse.observed import ABOVE, Observed, ObservedRecord
+from hbm.inverse.observed import Observed, ObservedRecord
 from models.friction import FrictionLaw, parameters
 
 P, C, OMEGA = 83.0, 2e-8, 300.0
 H = 9
-BASIS = FourierBasis(H + ABOVE, 256)
+BASIS = FourierBasis(H + 16, 256)
 SCALES = Scales(mu=0.5, stiffness=9e6, load=P, speed=4e-3, slowest=1e-3, fastest=8e-3, Omega=OMEGA)
 
 
@@ -85,6 +85,7 @@ def record(number: int, signals: np.ndarray, force: np.ndarray, std: float, rng=
         gains=np.zeros((3, BASIS.H + 1), dtype=complex),
         by_mean=np.zeros(BASIS.size),
         noise=noise,
+        numerical=0,
         informed=float(n),
     )
 

@@ -11,13 +11,13 @@ from hbm.identification.lawfit import Quality
 POINTS = 200
 
 
-def compared(**chi2: float) -> Comparison:
+def compared(by_noise: float = 1.0, **chi2: float) -> Comparison:
     """Laws "two" and "five" of so many parameters, with what they leave."""
     numbers = {"two": 2, "five": 5}
     fits = [
         SimpleNamespace(
             name=name,
-            quality=Quality(left, POINTS, numbers[name], 1),
+            quality=Quality(left, POINTS, numbers[name], 1, by_noise),
             held_out=None,
             parameters=SimpleNamespace(entries=()),
         )
@@ -44,3 +44,9 @@ def test_parameters_count_against_what_all_laws_miss() -> None:
 def test_laws_that_no_record_was_held_out_for_have_no_column_of_it() -> None:
     text = repr(compared(two=205.0, five=200.0))
     assert "d BIC" in text and "held out" not in text and "nan" not in text
+
+
+def test_a_chi2_far_below_one_is_told_to_be_that_of_a_floor() -> None:
+    small = "noise alone makes 0.09, standard deviations hold a floor for numerics"
+    assert small in compared(by_noise=0.09, two=18.0, five=17.0).verdict
+    assert "floor" not in compared(two=205.0, five=200.0).verdict

@@ -113,6 +113,20 @@ def test_jenkins_marched_by_itself_is_recovered_within_its_deviations():
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.2)
 
 
+def test_chi2_that_noise_alone_makes_is_told_where_standard_deviations_are_a_floor_for_numerics():
+    # 20 draws of noise of 1.2e-3 N beside a floor of 2e-4 of the force, of 5e-3 N and more
+    law = TRUTHS["coulomb-penalty"]
+    signals = motions(3, seed=8)
+    forces, chi2, told = [of_law(law, s) for s in signals], [], []
+    of = candidate(law, law, SCALES, ())
+    for seed in range(20):
+        problem = LeastSquares(of, observed(forces, signals, 1.2e-3, np.random.default_rng(seed)))
+        chi2.append(problem.judge(of.x).chi2.sum() / sum(r.informed for r in problem.observed.records))
+        told.append(problem.by_noise(of.x))
+    assert np.mean(chi2) < 0.4
+    assert np.mean(told) == pytest.approx(np.mean(chi2), rel=0.2)
+
+
 @pytest.mark.parametrize("name", ["coulomb-penalty", "stribeck", "dahl", "sdfm"])
 @pytest.mark.parametrize("gain", [0.0, 2e-8 - 1e-8j])
 def test_gradient_of_the_residual(name, gain):

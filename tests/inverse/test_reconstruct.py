@@ -9,6 +9,7 @@ from hbm.errors import InputError
 from hbm.identification.start import scales_of
 from hbm.inverse.contact import Contact
 from hbm.inverse.contactforce import prior
+from hbm.inverse.observed import observe
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.unseen import Unseen
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
@@ -309,6 +310,9 @@ def test_the_mean_that_a_stuck_contact_keeps_is_in_the_bands_of_the_rest() -> No
     off, friction = found["friction"].complex[:, 1] - fundamentals(truths), found["friction"]
     pulls = np.abs(off) / np.sqrt(2) / friction.coefficient_std[:, 1]
     assert between(pulls, len(truths)), pulls
+    seen = observe(found)  # what laws are judged by: deviations of cosine and sine of the fundamental
+    stds = [np.linalg.norm(r.noise[0, [1, 1 + seen.basis.H]]) / np.sqrt(2.0) for r in seen.records]
+    assert between(np.abs(off) / np.sqrt(2) / stds, len(truths)), stds
     wanted = np.array([truth.friction - truth.friction.mean() for _, truth in truths])
     over = (friction.samples - wanted) / friction.std
     assert between(over, len(truths)), over
