@@ -6,10 +6,10 @@ import numpy as np
 
 from continuation import Branch, ConvergenceError, Correction, End, NewtonSettings, Point, Predictor, Settings, solve_at
 from hbm.balance.scaled import State
+from hbm.balance.touching import Touching
 from hbm.errors import expect_positive, expect_two, expect_whole
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
-from hbm.modes.linear import Touching
 from hbm.response.budget import Along, Budget, OnPoint, Until, continue_within
 from models.jointed import AnyRig
 

@@ -24,9 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from continuation import DenseLinearization
+from hbm.balance.rest import at_rest
 from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
-from hbm.modes.rest import at_rest
 from hbm.modes.sustained import Motion, Sustained, sustained_balance
 from models.jointed import AnyRig
 

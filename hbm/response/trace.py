@@ -16,6 +16,7 @@ from hbm.balance.balanced import expect_joints_of
 from hbm.balance.problem import AnyBalance, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.balance.tones import basis_for, holding
+from hbm.balance.touching import first_sliding
 from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, sampled
 from hbm.parallel import one_thread
@@ -135,12 +136,11 @@ def sweep_of(rig: AnyRig, hz: tuple[float, float] | None, where: str) -> tuple[f
     Raises
     ------
     InputError
-        If there is no rig, or the range has no length.
+        If there is no rig, or the range has no length; or none is given and there is no resonance.
     """
     expect_rig(rig, where, joints=True)
     if hz is None:
-        omega_n = rig.structure.omega_n
-        first = float(omega_n[omega_n > 0.0][0]) / (2 * np.pi)
+        first = first_sliding(rig) / (2 * np.pi)
         return SWEEP[0] * first, SWEEP[1] * first
     expect_range(hz, where)
     return hz

@@ -6,9 +6,10 @@ from scipy.linalg import eigh
 
 from continuation import ConvergenceError
 from hbm import frequency_response, steady_state
+from hbm.errors import InputError
 from hbm.integration.jointed import simulate_joints
-from hbm.modes.linear import linear_modes
-from hbm.response.trace import trace_frequency
+from hbm.modes.linear import linear_modes, sliding_to_stuck
+from hbm.response.trace import sweep_of, trace_frequency
 from models import Coulomb, Dahl, Iwan, Jenkins
 from models.bodies.matrix import MatrixBody
 from models.bodies.modal import ModalModel
@@ -161,3 +162,29 @@ def test_a_free_body_with_a_loss_factor_has_modes() -> None:
     body = ModalModel((0.0, 40.0), {"a": (0.5, 0.5), "b": (0.5, -0.5)})
     rig = JointedRig("free", body, Damping(modal_ratios=(0.01,)), (loss,), Excitation(1.0, at="a"))
     assert linear_modes(rig).stuck_hz[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def mounted(hz: tuple[float, ...], *joints: Joint) -> JointedRig:
+    """A block that moves as a whole, with what else it has."""
+    shapes = {"mount": (0.7, 0.5), "pad": (0.7, -0.3)}
+    body = ModalModel(hz, {place: row[: len(hz)] for place, row in shapes.items()})
+    return JointedRig("block", body, Damping(modal_ratios=(0.01,)), joints, Excitation(1.0, at="pad"))
+
+
+@pytest.mark.parametrize("hz", [(0.0,), (0.0, 0.0), (0.0, 30.0)])
+def test_a_sweep_is_about_the_resonance_of_a_body_on_its_mounts(hz: tuple[float, ...]) -> None:
+    """With friction that slides, and that sticks beside the mount; a dense eigenvalue problem says where."""
+    k, sticks = 2.4e4, MU * LOAD / 1e-3
+    mount = Joint("mount", PolynomialSpring(linear=k), ("mount",))
+    rig = mounted(hz, mount, Joint("pad", Friction(Jenkins(MU, 1e-3), LOAD), ("pad",)))
+    row, pad = np.array(rig.body.ports["mount"]), np.array(rig.body.ports["pad"])
+    free = np.diag((2 * np.pi * np.array(hz)) ** 2) + k * np.outer(row, row)
+    first = [np.sqrt(np.abs(eigh(K)[0])) / (2 * np.pi) for K in (free, free + sticks * np.outer(pad, pad))]
+    sliding, stuck = (float(f[f > 1e-3][0]) for f in first)
+    assert sweep_of(rig, None, "frf") == pytest.approx((0.85 * sliding, 1.35 * sliding))
+    assert sliding_to_stuck(rig) == pytest.approx((0.85 * min(sliding, stuck), max(1.35 * sliding, 1.1 * stuck)))
+
+
+def test_a_body_that_nothing_holds_has_no_resonance_to_sweep_about() -> None:
+    with pytest.raises(InputError, match="block: no spring holds it, so there is no resonance"):
+        sweep_of(mounted((0.0, 0.0)), None, "frf")
