@@ -27,6 +27,9 @@ MOVED = 3
 MOST_TOLD = 8
 """So many are listed that it moves within their tolerances, or that look alike."""
 
+AT_END = 1e-3
+"""A number of a cause is at an end of where it is looked for that differs from that by no more than this share."""
+
 TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5}
 """Power of a number that all natural frequencies are proportional to."""
 
@@ -134,6 +137,7 @@ class Evidence:
         )
         yield from _clock(best)
         yield from _unit(best)
+        yield from at_ends(best)
         if self.within:
             yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
         if not best.settled:
@@ -156,6 +160,18 @@ def at_bounds(trust: Model, calibrated: Evaluation) -> Iterator[str]:
             f"Calibration moves {first_of(far, MOVED)} as many tolerances as it may: a number of the rig file is "
             "wrong, or physics is missing."
         )
+
+
+def at_ends(best: Evaluation) -> Iterator[str]:
+    """Numbers of the rig file that are wrong and stand at an end of where they are looked for, if it goes on there."""
+    for i, cause in enumerate(best.model.causes):
+        if not isinstance(cause, WrongParameter):
+            continue
+        value, (u,) = best.model.values(best.x, i)["value"], best.model.unknowns[i]
+        accepted = best.model.nominal.numbers[cause.key][1]
+        for end, beyond in ((u.lower, "less"), (u.upper, "more")):
+            if accepted.lower < end < accepted.upper and np.isclose(value, end, rtol=AT_END, atol=0.0):
+                yield f"{cause.label}: no value {beyond} than {end:.4g} is looked for; it may be {beyond}."
 
 
 def _calibrated(e: Evaluation) -> Iterator[str]:

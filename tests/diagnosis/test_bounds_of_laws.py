@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from hbm.diagnosis.calibrate import profiled, trusted
+from hbm.diagnosis.evidence import at_ends
 from hbm.files.extendedrig import corrections
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.model import Model
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
@@ -20,7 +23,7 @@ from models.causes.friction import StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.friction import LAWS, Iwan, Jenkins, Stribeck, describe, parameters
 from models.jointed import AnyRig, JointedRig
-from models.joints import JOINT_LAWS, Friction, Joint
+from models.joints import JOINT_LAWS, Friction, Joint, PlaneFriction
 from models.joints.law import numbers
 from models.parts import Channel, Damping, Excitation
 from models.published import PAPER_PENALTY, paper_rig
@@ -128,6 +131,22 @@ def test_a_joint_that_is_looked_for_may_come_down_to_next_to_nothing() -> None:
             if f.lower >= 0.0:
                 found = model.rig(x)
                 assert len(found.joints) + len(found.masses) > len(rig.joints)
+
+
+def test_a_number_that_ends_where_it_is_looked_for_is_told() -> None:
+    """A stiffness that is none ends at a tenth of that of the rig file; with the scatter there it seems to be known."""
+    model = Model(jointed(PlaneFriction(0.4, 1e5, 10.0, 8000.0)), {}).extended_by(
+        WrongParameter("joints.j.normal_stiffness")
+    )
+    low, high = (np.array(end) for end in model.bounds())
+
+    def told(x: np.ndarray) -> list[str]:
+        return list(at_ends(cast(Evaluation, SimpleNamespace(model=model, x=x))))
+
+    said = "parameter:joints.j.normal_stiffness: no value {0} than {1} is looked for; it may be {0}."
+    assert told(low) == [said.format("less", 800)]
+    assert told(high) == [said.format("more", "8e+04")]
+    assert told(0.99 * low + 0.01 * high) == told(model.start) == []
 
 
 def test_every_number_of_a_cause_has_a_slope_at_its_bounds() -> None:
