@@ -85,8 +85,9 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint], *, large
         _pushed(base, few, rig, ends, r) if told is None else _linear(base, r, *told.of_record(r)) for r in records
     ]
     own = dict(_at_joints(base, records, rig, few, ends, causes)) if by_joints else {}
+    share = 1.0 if told is None else _share(base, records, pushed_there)
     for found in scanned(base, pushed_there, ends, causes, exact=told is not None):
-        yield own.get(found.cause, found)
+        yield own.get(found.cause, _promising(found, share))
 
 
 def _at_joints(
@@ -100,12 +101,22 @@ def _at_joints(
     """Candidates where the rig has a joint already, beside its law: at any size of the misfit."""
     for i, joint, port, way in joints_between(rig, ends):
         beside = [_linear(base, r, *missing_at(rig, few.data, r, joint, port), way) for r in records]
-        missed = sum(float(r.residual @ r.residual) for r in beside)
-        # as a share of what the base leaves, to be compared with what laws elsewhere promise of that
-        share = base.white.chi2 / max(missed, np.finfo(float).tiny)
+        share = _share(base, records, beside)
         there = [c for c in causes if c.way(ends[i]) and not c.beside(rig)]
         for found in scanned(base, beside, [ends[i]], there, exact=True):
-            yield found.cause, replace(found, drop=share * found.drop, z=float(np.sqrt(share)) * found.z)
+            yield found.cause, _promising(found, share)
+
+
+def _share(base: Evaluation, records: Sequence[Record], beside: Sequence["PushedRecord"]) -> float:
+    """What the base misses of some records over what they miss beside free forces at joints, which take their part."""
+    here = np.isin(base.white.record, [r.number for r in records])
+    missed = sum(float(r.residual @ r.residual) for r in beside)
+    return float(np.sum(base.white.residual[here] ** 2)) / max(missed, np.finfo(float).tiny)
+
+
+def _promising(found: Scanned, share: float) -> Scanned:
+    """The same as a share of what the base leaves, to be compared with what other causes promise of that."""
+    return replace(found, drop=share * found.drop, z=float(np.sqrt(share)) * found.z)
 
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
