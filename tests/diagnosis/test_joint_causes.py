@@ -86,6 +86,12 @@ def laden(modes: Modes, rows: Sequence[np.ndarray], mass: float) -> Modes:
     return Modes(np.sqrt(squares), modes.ratio, rows_of)
 
 
+def stiffer(modes: Modes, row: np.ndarray, k: float) -> Modes:
+    """The structure with a spring to the ground; as much damped."""
+    squares, turned = eigh(np.diag((2 * np.pi * modes.hz) ** 2) + k * np.outer(row, row))
+    return Modes(np.sqrt(squares) / (2 * np.pi), modes.ratio, {name: a @ turned for name, a in modes.rows.items()})
+
+
 CASES = {
     "mass": (nothing, "a", lambda modes: laden(modes, [modes.rows["c"]], MASS)),
     "cubic": (cubic(K3), "c"),
@@ -351,12 +357,10 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     assert best.starts[0][name] == pytest.approx(size, rel=within)
 
 
-<<<<<<< HEAD
 def test_a_contact_that_the_modes_hold_closed_is_found_where_it_opens() -> None:
     """The structure without it, and a contact whose force goes with the motion until it pulls as much as it pressed."""
     k, opening = 300.0, 1e-4
-    squares, turned = eigh(np.diag((2 * np.pi * NOMINAL.hz) ** 2) + k * np.outer(ROWS["b"], ROWS["b"]))
-    closed = Modes(np.sqrt(squares) / (2 * np.pi), NOMINAL.ratio, {name: row @ turned for name, row in ROWS.items()})
+    closed = stiffer(NOMINAL, ROWS["b"], k)
 
     def pressed(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return -k * np.minimum(u, opening), z
@@ -367,17 +371,16 @@ def test_a_contact_that_the_modes_hold_closed_is_found_where_it_opens() -> None:
     assert best.cause == JointOpening("b")
     assert best.starts[0]["stiffness"] == pytest.approx(k, rel=0.2)
     assert best.starts[0]["gap"] == pytest.approx(opening, rel=0.5)  # of a few onsets, each half of the next
-=======
+
+
 def test_what_is_missing_beside_a_known_joint_promises_to_take_what_the_rig_file_misses() -> None:
     """A free force at the known joint would take most of it: against wrong numbers, nothing but that would be left."""
-    squares, turned = eigh(np.diag((2 * np.pi * NOMINAL.hz) ** 2) + 900.0 * np.outer(ROWS["a"], ROWS["a"]))
-    held = Modes(np.sqrt(squares) / (2 * np.pi), NOMINAL.ratio, {name: row @ turned for name, row in ROWS.items()})
+    held = stiffer(NOMINAL, ROWS["a"], 900.0)
     base, campaign = exactly(NOMINAL, held, cubic(K3), held.rows["c"], (Joint("mount", CubicSpring(K3), ("c",)),))
     scored = scan(base, campaign, [*LocalSpring.candidates(base.model.nominal)], large=True)
     best = max(scored, key=lambda s: s.drop)
     assert best.cause == LocalSpring("a")
     assert best.drop == pytest.approx(base.white.chi2, rel=0.01)
->>>>>>> d32ff6f (What is missing beside known joints promises a share of what the rig file misses, as other causes do)
 
 
 def test_joints_run_first_at_the_place_where_a_free_force_explains_the_records() -> None:
