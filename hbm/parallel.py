@@ -6,11 +6,12 @@ Matrices here have some hundred rows: a second BLAS thread costs time, most of a
 import os
 import pickle
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, InvalidStateError, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from functools import cache, lru_cache, partial, wraps
+from functools import cache, partial, wraps
 from multiprocessing import get_context, parent_process
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -75,23 +76,39 @@ class Helped(ProcessPoolExecutor):
     def map(
         self, fn: Callable[..., Result], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1
     ) -> Iterator[Result]:
-        """As the executor's; the last item is done here, and of the others those that no process has taken by then.
+        """As the executor's; items are done from the last on here, from the first on by processes, one at a time each.
 
         What a process had taken that was killed, as a system does that is short of memory, is done here too.
         """
         items = list(zip(*iterables, strict=True))
-        there: list[Future[Result]] = []
-        if all(start.done() for start in self._started):
-            with suppress(BrokenProcessPool):
-                there += [self.submit(fn, *item) for item in items[:-1]]
-        here = {i: fn(*items[i]) for i in range(len(there), len(items))}
-        here |= {i: fn(*items[i]) for i in reversed(range(len(there))) if there[i].cancel()}
-        for i, future in enumerate(there):
-            if i not in here:
-                try:
-                    here[i] = future.result(timeout)
-                except BrokenProcessPool:
-                    here[i] = fn(*items[i])
+        left, there, turn = deque(range(len(items))), dict[int, Future[Result]](), threading.RLock()
+
+        def hand_over(_: object = None) -> None:
+            """Let a process have the first item left: by itself an executor hands each of them one more in advance."""
+            with turn, suppress(RuntimeError):  # processes were killed, or end
+                if left:
+                    there[left[0]] = future = self.submit(fn, *items[left[0]])
+                    left.popleft()
+                    future.add_done_callback(hand_over)
+
+        def last() -> int | None:
+            with turn:
+                return left.pop() if left else None
+
+        here, mine = dict[int, Result](), last()
+        try:
+            for _ in self._started if all(start.done() for start in self._started) else ():
+                hand_over()
+            while mine is not None:
+                here[mine] = fn(*items[mine])
+                mine = last()
+        finally:
+            left.clear()
+        for i, future in there.items():
+            try:
+                here[i] = future.result(timeout)
+            except BrokenProcessPool:
+                here[i] = fn(*items[i])
         return iter([here[i] for i in range(len(items))])
 
 
@@ -174,16 +191,23 @@ def each(executor: Executor | None, task: Callable[..., Result], *items: Sequenc
         return [task(*values) for values in zip(*items, strict=True)]
     size = max(1, len(items[0]) // CHUNKS)
     parts = [list(zip(*(values[i : i + size] for values in items), strict=True)) for i in range(0, len(items[0]), size)]
-    return [result for part in executor.map(_part, [pickle.dumps(task)] * len(parts), parts) for result in part]
+    pickled = pickle.dumps(task)
+    _keep(pickled, task)
+    return [result for part in executor.map(_part, [pickled] * len(parts), parts) for result in part]
 
 
 @one_thread
 def _part(pickled: bytes, values: Sequence[tuple[Any, ...]]) -> list[Any]:
-    task = _unpickled(pickled)
+    if pickled not in _kept:
+        _keep(pickled, cast(Callable[..., Any], pickle.loads(pickled)))
+    task = _kept[pickled]
     return [task(*arguments) for arguments in values]
 
 
-@lru_cache(maxsize=1)
-def _unpickled(task: bytes) -> Callable[..., Any]:
-    """A task, one for all parts that a process does: a rig in it is worked out once."""
-    return cast(Callable[..., Any], pickle.loads(task))
+_kept: dict[bytes, Callable[..., Any]] = {}
+"""The last task, one for all parts that a process does: a rig in it is worked out once."""
+
+
+def _keep(pickled: bytes, task: Callable[..., Any]) -> None:
+    _kept.clear()
+    _kept[pickled] = task

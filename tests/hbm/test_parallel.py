@@ -2,6 +2,7 @@
 
 import os
 import time
+from pathlib import Path
 
 import pytest
 
@@ -41,6 +42,25 @@ def test_one_item_is_done_here() -> None:
         started(executor)
         assert list(executor.map(where, [5])) == [(5, os.getpid())]
         assert list(executor.map(where, [])) == []
+
+
+def waits_for_second(item: int, seen: Path) -> int:
+    """The item; the first one ends once the second was begun, or after some seconds."""
+    if item == 1:
+        seen.touch()
+    for _ in range(1 if item else 100):
+        if seen.exists():
+            break
+        time.sleep(0.05)
+    assert item or seen.exists()
+    return item
+
+
+def test_no_item_waits_for_one_that_a_process_is_at(tmp_path: Path) -> None:
+    """It would be done last of all if the process had it in advance, as executors do."""
+    with Helped(1) as executor:
+        started(executor)
+        assert list(executor.map(waits_for_second, range(4), [tmp_path / "seen"] * 4)) == list(range(4))
 
 
 def test_nothing_waits_for_a_process_to_start() -> None:
