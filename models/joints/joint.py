@@ -110,10 +110,6 @@ class Joint:
         still = next((at for at, to in self.ends if to and terms(at) == terms(to)), None)
         if still is not None:
             raise ValueError(f'joint {self.name}: at and to are both "{still}"; must differ, or leave out to')
-        sliding = self.ends[: self.law.drifting]
-        twice = next((at for i, (at, to) in enumerate(sliding) if (at, to) in sliding[:i]), None)
-        if twice is not None:
-            raise ValueError(f'joint {self.name}: at has "{twice}" twice; must be two directions in which it slides')
         if self.loaded_by and (self.law.name != "friction" or self.law.ports != 1):
             raise ValueError(
                 f"joint {self.name}: loaded_by goes with friction along one direction; {self.law.name} has its own load"

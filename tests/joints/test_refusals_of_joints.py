@@ -160,12 +160,6 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             "joint pad: at has 1 places; must have 2 for friction, the second along the normal, where its "
             "normal_stiffness acts",
         ),
-        (
-            PAD,
-            'law = "plane-friction"\nmu = 0.3\ntangential_stiffness = 1e4\nnormal_load = 5.0\nnormal_stiffness = 1e4\n'
-            'at = ["two", "two", "one"]',
-            'joint pad: at has "two" twice; must be two directions in which it slides',
-        ),
         ('at = "two"', 'at = "two"\nto = "1*two"', 'joint pad: at and to are both "two"; must differ, or leave out to'),
     ],
 )
