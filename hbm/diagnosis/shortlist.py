@@ -11,7 +11,7 @@ from hbm.diagnosis.remainder import LEFT
 from hbm.diagnosis.turns import HOPELESS
 from models.causes.cause import Cause
 
-FITTED, PLACES = 5, 2
+FITTED, PLACES = 7, 2
 """Joints that are fitted, and places of each law, at most."""
 
 SAME = 1e-6
