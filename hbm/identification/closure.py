@@ -141,7 +141,7 @@ class LawOnRecords:
         moved = np.outer(record.by_mean, change[0]) - change
         return np.asarray(moved[self.observed.compared])
 
-    def deviations(self, record: ObservedRecord, answer: Answer) -> Array:
+    def _deviations(self, record: ObservedRecord, answer: Answer) -> Array:
         """Deviations (2 harmonics, m) of the residual by those of the record [N].
 
         By noise of the reconstructed force and, through the law's slope, of the slip and reaction it is shown.
@@ -155,13 +155,16 @@ class LawOnRecords:
         return np.asarray(record.noise[0][self.observed.compared] + self.residual_change(record, law))
 
     def root(self, record: ObservedRecord, answer: Answer) -> Array:
-        """Lower factor L of the covariance L L' of the residual [N].
+        """Lower factor L of the covariance L L' of the residual [N]."""
+        return self._root(record, self._deviations(record, answer))
 
-        Its deviations; a floor for what numerics leave, and for the second order of the law's slope: the square of the
-        largest deviation over the force. It is factored as it is: squared, deviations of a loop that hardly closes
-        would drown the rest.
+    def _root(self, record: ObservedRecord, deviations: Array) -> Array:
+        """The same by its deviations (2 harmonics, m).
+
+        A floor for what numerics leave, and for the second order of the law's slope: the square of the largest
+        deviation over the force. It is factored as it is: squared, deviations of a loop that hardly closes would drown
+        the rest.
         """
-        deviations = self.deviations(record, answer)
         force = max(float(np.abs(record.friction[1:]).max()), np.finfo(float).tiny)
         second_order = float(np.linalg.norm(deviations, 2)) ** 2 / force
         floor = np.hypot(FORCE_FLOOR * force, min(second_order, force))
@@ -169,9 +172,9 @@ class LawOnRecords:
 
     def by_noise(self, record: ObservedRecord, answer: Answer) -> float:
         """The chi2 of a record that noise alone makes, less than its coefficients: standard deviations have floors."""
-        deviations = self.deviations(record, answer)
+        deviations = self._deviations(record, answer)
         noise = deviations[:, : deviations.shape[1] - record.numerical]
-        white = linalg.solve_triangular(self.root(record, answer), noise, lower=True)
+        white = linalg.solve_triangular(self._root(record, deviations), noise, lower=True)
         return float(np.sum(white**2))
 
 

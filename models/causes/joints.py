@@ -310,10 +310,7 @@ class JointOpening(AddedJoint):
     looks_like = "nothing below a threshold of the amplitude; then even and odd harmonics, frequencies fall"
     confused_with = "polynomial-stiffness, one-sided-stop, joint-slip"
     check = "press it harder and repeat the records missed most, or measure just below and above where it sets in"
-    numbers = (
-        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
-        Number("gap", "m", "gap", (0, 1, 0), ONSETS),
-    )
+    numbers = TwoSidedStop.numbers
     made = Separation
     one_sided = True
 
