@@ -14,8 +14,9 @@ CURVE_TOLERANCE = 1.5e-3
 FEWEST = 10
 """Steps over a sweep at least, where the motion is small."""
 
-RELATIVE_STEPS = {"free": 0.5, "asked": 0.01}
-"""Largest step as a fraction of the motion, where that is more: on tall resonances; less where a step was asked for."""
+RELATIVE_STEPS = {"free": 0.5, "scouted": 0.05, "asked": 0.01}
+"""Largest step as a fraction of the motion, where that is more: on tall resonances; less where a step was asked for, or
+where the error of the curve between its points is not judged."""
 
 EXCURSION = 0.3
 """How far, relatively, a branch is followed beyond the ends of the sweep."""

@@ -25,7 +25,7 @@ from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
 from hbm.response.peak import with_peak
 from hbm.response.start import first_solution
-from hbm.response.steps import newton_settings, trace_settings
+from hbm.response.steps import RELATIVE_STEPS, newton_settings, trace_settings
 from models.jointed import AnyRig
 
 SCOUTED = 128
@@ -212,7 +212,8 @@ def scout_frequency(
     problem = balance_of(rig, sampled(holding(rig, harmonics), SCOUTED), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
     settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
-    return _trace(problem, lam0, replace(settings, curve_tolerance=math.inf, corner_angle=np.pi), None, budget)
+    settings = replace(settings, curve_tolerance=math.inf, corner_angle=np.pi, relative_step=RELATIVE_STEPS["scouted"])
+    return _trace(problem, lam0, settings, None, budget)
 
 
 def force_response(
