@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from hbm.measurement.responses import FrequencyResponses
 
 COMMAND = "modal"
-FITS = 4.0
-"""Misfit above which it is doubted that there are such modes."""
-
 VAGUE = 0.3
 """A mode is doubted whose damping ratio is no better known than to this part of it."""
 
@@ -96,7 +93,7 @@ def modal(
     from hbm.identification.modalfit import fit_modes
     from hbm.textfiles import write_together
 
-    responses, level = _responses(measured, force, quantity or (), records, floor, transient=transient)
+    responses, levels = _responses(measured, force, quantity or (), records, floor, transient=transient)
     responses = _within(responses, band) if band else responses
     with within(
         COMMAND,
@@ -105,9 +102,9 @@ def modal(
         "try --from and --to, fewer --modes, or a larger --max-seconds",
     ):
         found = fit_modes(responses, count, phase=phase, drive=drive)
-    text = modal_rig_text(found, measured.stem, force, level, drive)
+    text = modal_rig_text(found, measured.stem, force, levels[0], drive)
     write_together({out: text})
-    _print(found, drive)
+    _print(found, drive, levels)
     print_written([out])
 
 
@@ -132,9 +129,10 @@ def _responses(
     floor: float,
     *,
     transient: bool,
-) -> tuple["FrequencyResponses", float]:
-    """Frequency responses, and the amplitude of the force for the rig file: 1 N where nothing had one."""
+) -> tuple["FrequencyResponses", Sequence[float]]:
+    """Frequency responses, and amplitudes of the force, the lowest first: 1 N where nothing had one."""
     from hbm.measurement.frffile import is_frf, load_responses
+    from hbm.measurement.groups import levels
     from hbm.measurement.repeatability import with_floor
     from hbm.measurement.responses import frequency_responses
     from hbm.measurement.spectrafile import load_spectra
@@ -149,10 +147,11 @@ def _responses(
         spectra = spectra.select(records=records) if records else spectra
         channels = _channels({name: "" for name in spectra.channels if name != force}, quantities)
         responses = frequency_responses(with_floor(spectra, channels, floor), force, channels)
-        return replace(responses, warnings=(*spectra.warnings, *responses.warnings)), float(spectra.level.min())
+        known = sorted({float(level) for level in levels(spectra.level)})
+        return replace(responses, warnings=(*spectra.warnings, *responses.warnings)), known
     if records:
         raise InputError(f"{COMMAND}: --record, and {path} has no records; must be left out")
-    return found.unrepeatable(floor), 1.0
+    return found.unrepeatable(floor), (1.0,)
 
 
 def _from_rest(path: Path, force: str, quantities: Sequence[str]) -> "FrequencyResponses":
@@ -185,7 +184,8 @@ def _channels(known: Mapping[str, str], texts: Sequence[str]) -> dict[str, str]:
     return {name: quantity or "acceleration" for name, quantity in channels.items()}
 
 
-def _print(found: "Modes", drive: str | None) -> None:
+def _print(found: "Modes", drive: str | None, levels: Sequence[float] = (1.0,)) -> None:
+    """Say what was found in records of some levels, in ascending order."""
     from hbm.commands.tables import print_lines, print_rows
 
     rows = [
@@ -214,11 +214,18 @@ def _print(found: "Modes", drive: str | None) -> None:
         ]
     elif found.chi2_reduced > 1.0:
         lines.append("standard deviations are multiplied by the root of the misfit")
-    if found.responses.sized and found.chi2_reduced > FITS:
-        lines.append(
+    if found.leaves_more:
+        lines += [
+            "tolerances in the rig file are those of a number that nobody measured, where these are larger: what is "
+            "left is no noise",
             "warning: not linear at this level, its shapes are not real, or a mode near the band is not in it: some of "
-            "these may be no modes; the next mode on either side should be in the band"
-        )
+            "these may be no modes; the next mode on either side should be in the band",
+        ]
+        if len(levels) > 1:
+            lines.append(
+                f"warning: records of {levels[0]:.4g} to {levels[-1]:.4g} N were fitted as one; --record takes those "
+                "of the lowest level alone"
+            )
     lines += [f"warning: {line}" for line in (*found.responses.warnings, *found.warnings)]
     vague = [str(i) for i, (z, std) in enumerate(zip(found.ratio, found.ratio_std, strict=True), 1) if std > VAGUE * z]
     if vague:

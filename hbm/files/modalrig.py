@@ -7,6 +7,7 @@ import numpy as np
 
 from hbm.fourier import Array
 from hbm.identification.modes import Modes
+from hbm.outputerror.nominal import FREQUENCY, RATIO, SHAPE
 
 DRIVE = "excitation"
 """Port of the force where no channel is at its place."""
@@ -17,6 +18,9 @@ CLEAR = 5.0
 
 def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str | None = None) -> str:
     """Text of a rig file with ``[modal]``: ports named as the channels, residuals, and deviations as tolerances.
+
+    Where more than noise is left a number has the tolerance of one that nobody measured, if that is larger: what a
+    friction that hardly slips at this level does to a damping ratio is many of its deviations, and no noise.
 
     Parameters
     ----------
@@ -37,6 +41,7 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     """
     below, beyond = _below(modes, drive), _beyond(modes, drive)
     own = _Written(modes.hz, modes.hz_std, modes.ratio, modes.ratio_std, *modes.shapes(drive))
+    own = own.doubted() if modes.leaves_more else own
     hz, hz_std, ratio, ratio_std, shapes, std, root = _together([part for part in (below, own, beyond) if part])
     channels = list(modes.responses.channels)
     damping, damping_std = _damping(modes, below, beyond)
@@ -94,6 +99,14 @@ class _Written(NamedTuple):
     std: Array
     root: Array
 
+    def doubted(self) -> "_Written":
+        """The same with the tolerances of numbers that nobody measured, where these are larger."""
+        return self._replace(
+            hz_std=np.maximum(self.hz_std, FREQUENCY * self.hz),
+            ratio_std=np.maximum(self.ratio_std, RATIO * self.ratio),
+            std=np.maximum(self.std, SHAPE * np.abs(self.shapes).max(axis=0)),
+        )
+
 
 def _together(parts: Sequence[_Written]) -> _Written:
     return _Written(*(np.concatenate(rows, axis=-1) for rows in zip(*parts, strict=True)))
@@ -149,7 +162,10 @@ def _damping(modes: Modes, below: _Written | None, beyond: _Written | None) -> t
     if modes.damping is None or modes.damping_std is None:
         return None, None
     around = ((int(below is not None), int(beyond is not None)),) * 2
-    D, std = np.pad(modes.damping, around), np.pad(modes.damping_std, around)
+    D, std = modes.damping, modes.damping_std
+    if modes.leaves_more:
+        std = np.maximum(std, RATIO * np.sqrt(np.outer(D.diagonal(), D.diagonal())))
+    D, std = np.pad(D, around), np.pad(std, around)
     if beyond:
         D[-1, -1] = std[-1, -1] = 4 * np.pi * beyond.ratio[0] * beyond.hz[0]
     return D, std

@@ -14,6 +14,8 @@ from models.display import Displayed
 CERTAIN = 5.0
 """Standard deviations from which a delay is one."""
 
+FITS = 4.0
+"""Misfit above which it is doubted that there are such modes."""
 
 SURE = 3.0
 """Standard deviations from which the drive moves with the force in a mode above the band."""
@@ -71,6 +73,11 @@ class Modes(Displayed):
     def __len__(self) -> int:
         """Number of modes."""
         return len(self.hz)
+
+    @property
+    def leaves_more(self) -> bool:
+        """Whether they leave plainly more than noise, where its size is known."""
+        return self.responses.sized and self.chi2_reduced > FITS
 
     def __repr__(self) -> str:
         """List the modes."""

@@ -250,13 +250,21 @@ def test_a_resonance_that_is_not_linear_is_doubted_and_warnings_of_records_are_r
     pairs = np.zeros((60, 2, 3))
     pairs[:, 0, 1], pairs[:, 1, 1], pairs[:, 1, 2] = 1.0, x.real * 1e4, -x.imag * 1e4
     std = np.broadcast_to(np.array([1e-6, 1e-3])[:, None], (60, 2, 2)).copy()
-    found = MeasuredSpectra("steps", np.arange(1, 61), np.ones(60), hz, ("force", "x"), pairs, std, ((7, "x is odd"),))
+    level = np.repeat([1.0, 3.0], [59, 1])
+    found = MeasuredSpectra("steps", np.arange(1, 61), level, hz, ("force", "x"), pairs, std, ((7, "x is odd"),))
     write_spectra(tmp_path / "s.csv", found)
     args = ["modal", str(tmp_path / "s.csv"), "--quantity", "x=displacement", "--modes", "1"]
     result = CliRunner().invoke(app, [*args, "--out", str(tmp_path / "rig.toml")])
     assert result.exit_code == 0, result.output
-    assert "warning: not linear at this level" in result.stdout
-    assert "s.csv: x is odd." in " ".join(result.stdout.split())
+    said = " ".join(result.stdout.split())
+    assert "warning: not linear at this level" in said
+    assert "s.csv: x is odd." in said
+    assert "records of 1 to 3 N were fitted as one; --record takes those of the lowest level alone" in said
+    table = tomllib.loads((tmp_path / "rig.toml").read_text())
+    stated = table["modal"]["tolerances"]
+    assert stated["frequencies_hz"][0] >= 0.0049 * table["modal"]["frequencies_hz"][0]  # those of numbers not measured
+    assert stated["modal_ratios"][0] >= 0.19 * table["damping"]["modal_ratios"][0]
+    assert stated["ports"]["x"][0] >= 0.029 * abs(table["modal"]["ports"]["x"][0])
 
 
 def spectra(seed: int) -> MeasuredSpectra:
@@ -281,6 +289,7 @@ def test_the_rig_file_answers_as_the_structure(tmp_path: Path) -> None:
     assert len(modal["frequencies_hz"]) == 4
     off = (np.array(modal["frequencies_hz"]) - HZ[:4]) / modal["tolerances"]["frequencies_hz"]
     assert np.abs(off).max() < 4.5
+    assert (np.array(modal["tolerances"]["frequencies_hz"]) < 1e-3 * HZ[:4]).all()  # where noise alone is left
     joint = '\n[[joints]]\nname = "nothing"\nlaw = "dashpot"\nat = "a1"\nlinear = 1e-9\nquadratic = 0.0\n'
     (tmp_path / "joined.toml").write_text(text + joint)
     rig = load_rig(tmp_path / "joined.toml")
