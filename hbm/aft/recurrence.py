@@ -18,6 +18,9 @@ from hbm.fourier import Array
 ROUNDING = 1e-12
 """An anchor stays where its slope to itself is one and those to the inputs are none, to this fraction."""
 
+STRETCH, MOST_STATES = 64, 24
+"""Samples of a stretch, and states up to which a recurrence is worth its being cut into some."""
+
 NEUTRAL = 1e-9
 """A loop whose state returns undiminished to this accuracy never slips: its history decides its mean force."""
 
@@ -107,7 +110,13 @@ class Loop:
 
     @cached_property
     def _before(self) -> "Loop":
-        return Loop(self.virgin(), self.virgin)
+        return Loop(self.virgin(), self.virgin, self.often)
+
+    @cached_property
+    def _stretches(self) -> "Stretches | None":
+        """What many questions about states that act on one another are answered by."""
+        A = self.slopes.transitions
+        return Stretches.of(A) if self.often and A.ndim == 3 and FEW_STATES < A.shape[1] <= MOST_STATES else None
 
     @cached_property
     def _anchors(self) -> tuple[npt.NDArray[np.intp], Array] | None:
@@ -153,7 +162,52 @@ class Loop:
 
     def _states(self, start: Array, inputs: Array) -> Array:
         """Change (N_t + 1, states, c) of the states over a period from `start` (states, c)."""
-        return forwards(self.slopes.transitions, start, self.slopes.states_by_inputs @ inputs)
+        driven = self.slopes.states_by_inputs @ inputs
+        if self._stretches is not None:
+            return self._stretches.states(start, driven)
+        return forwards(self.slopes.transitions, start, driven)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """A recurrence cut into stretches that are followed side by side, a sample of each at a time, and then joined.
+
+    Attributes
+    ----------
+    transitions : (STRETCH, s, n, n) array
+        Of each sample of s stretches; the last one is filled up with samples at which nothing happens.
+    reached : (STRETCH, s, n, n) array
+        Their products from the beginning of each stretch on.
+    """
+
+    transitions: Array
+    reached: Array
+
+    @classmethod
+    def of(cls, A: Array) -> "Stretches":
+        """Those of transitions (N_t, n, n)."""
+        count, n = -(-len(A) // STRETCH), A.shape[1]
+        filled = np.concatenate([A, np.broadcast_to(np.eye(n), (count * STRETCH - len(A), n, n))])
+        transitions = np.ascontiguousarray(filled.reshape(count, STRETCH, n, n).swapaxes(0, 1))
+        reached = transitions.copy()
+        for before, after, transition in zip(reached, reached[1:], transitions[1:], strict=False):
+            np.matmul(transition, before, out=after)
+        return cls(transitions, reached)
+
+    def states(self, start: Array, driven: Array) -> Array:
+        """As :func:`forwards`."""
+        length, count = self.transitions.shape[:2]
+        N_t, n, c = driven.shape
+        filled = np.concatenate([driven, np.zeros((count * length - N_t, n, c))])
+        z = np.ascontiguousarray(filled.reshape(count, length, n, c).swapaxes(0, 1))  # from rest in each stretch
+        for before, after, transition in zip(z, z[1:], self.transitions[1:], strict=False):
+            after += transition @ before
+        begins = np.empty((count, n, c))
+        begins[0] = start
+        for i in range(count - 1):
+            begins[i + 1] = self.reached[-1, i] @ begins[i] + z[-1, i]
+        z += self.reached @ begins
+        return np.concatenate([start[None], z.swapaxes(0, 1).reshape(-1, n, c)[:N_t]])
 
 
 def anchored(slopes: Slopes, virgin: Callable[[], Slopes]) -> tuple[npt.NDArray[np.intp], Array] | None:

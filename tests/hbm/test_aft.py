@@ -245,6 +245,22 @@ def test_states_that_fade_side_by_side_follow_their_recurrence():
     assert radius(slopes.transitions) == pytest.approx(np.prod(slopes.states_by_states, axis=0).max())
 
 
+@pytest.mark.parametrize("N_t", [64, 200], ids=["whole stretches", "one that is filled up"])
+def test_states_that_act_on_one_another_are_followed_in_stretches_as_sample_by_sample(N_t):
+    """Seven states that fade, and six beside one that never does: as a loop that is asked often and one that is not."""
+    rng, n = np.random.default_rng(8), 7
+    fading = rng.normal(size=(N_t, n, n))
+    fading *= 0.9 / np.linalg.norm(fading, 2, axis=(1, 2))[:, None, None]
+    lasting = fading.copy()
+    lasting[:, 0] = lasting[:, :, 0] = 0.0
+    lasting[:, 0, 0] = 1.0
+    for A in (fading, lasting):
+        slopes = Slopes(rng.normal(size=(N_t, 2, n)), rng.normal(size=(N_t, 2, 3)), A, rng.normal(size=(N_t, n, 3)))
+        inputs = rng.normal(size=(N_t, 3, 2))
+        seldom, often = (Loop(slopes, slopes.copy, often).changed(inputs) for often in (False, True))
+        assert often == pytest.approx(seldom, rel=1e-11, abs=1e-11 * np.abs(seldom).max())
+
+
 @pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: law.name)
 def test_a_stuck_contact_is_linearized_twice_alike(law):
     """What a stuck contact remembers of its first period is looked up aside: the steady period stays."""
