@@ -252,6 +252,7 @@ def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Ite
     for i, entry in enumerate(joints if isinstance(joints, list) else []):
         if isinstance(entry, dict):
             yield from _of_joint(entry, i, folder, consent)
+    yield from _placed_twice(table)
     if "matrix" in table or "modal" in table:
         yield from _of_places(table)
     if isinstance(modal := table.get("modal"), dict) and "shapes" in modal:
@@ -276,6 +277,14 @@ def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> 
         yield Complaint(key, found(name), str(refused))
         return
     yield from complaints_of(joint_table(law), entry, ("joints", i))
+
+
+def _placed_twice(table: Mapping[str, Any]) -> Iterator[Complaint]:
+    for what, entries in (("excitation", [table.get("excitation")]), ("channels", table.get("channels"))):
+        for i, entry in enumerate(entries if isinstance(entries, list) else []):
+            if isinstance(entry, dict) and {"at", "position"} <= entry.keys():
+                key = (what, "position") if what == "excitation" else (what, i, "position")
+                yield Complaint(key, "and at are both present", "must have one of them")
 
 
 def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:

@@ -142,6 +142,18 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             'quantity = "acceleration"\nat = "one - 2*two"',
             'two modes: channels[2].at = "one - 2*two"; must be one place, sums and multiples of places are for joints',
         ),
+        ('at = "two"', 'at = "0*two"', 'place "0*two": weight 0; must be finite and not 0'),
+        ('at = "two"', 'at = "two - two"', 'place "two - two": two is there twice; must be there once'),
+        (
+            'quantity = "acceleration"\nat = "one"',
+            'quantity = "acceleration"\nposition = 0.1\nat = "one"',
+            "channels[2].position and at are both present; must have one of them",
+        ),
+        (
+            "[excitation]",
+            "[excitation]\nposition = 0.1",
+            "excitation.position and at are both present; must have one of them",
+        ),
         ('at = "two"', 'at = "tow"', 'two modes: joint pad: at = "tow"; ports are one, two; did you mean two?'),
         (
             'at = "two"',
