@@ -3,7 +3,7 @@
 Calibrated are the friction law, the normal load, Young's modulus, the mass-proportional damping, and gain, delay and
 place of each sensor (:data:`hbm.outputerror.nominal.TOLERANCES`). `trusted` holds them near the rig file by those
 tolerances; `profiled` lets those of friction, material and damping go free, so that nothing they can explain is blamed
-on anything else. The load stays: friction sees only its product with mu.
+on anything else. The load stays where friction sees only its product with mu.
 """
 
 from collections.abc import Collection, Mapping
@@ -38,11 +38,13 @@ def trusted(rig: AnyRig, channels: Collection[str] = (), stated: Mapping[str, fl
 
 
 def profiled(model: Model) -> Model:
-    """The same with its calibrated numbers free, those of loads and of places and sensors excepted, and what is 0."""
+    """The same with its calibrated numbers free, but for those of places and sensors, what is 0, and constant loads."""
     numbers, of_places = model.nominal.numbers, (SENSORS, SHAPES, RESIDUALS, "excitation.")
+    loads = {f"joints.{j.name}.normal_load" for j in getattr(model.nominal, "joints", ()) if j.varying_load}
 
     def held(key: str) -> bool:
-        return key.startswith(of_places) or key.endswith(".normal_load") or not numbers[key][0]
+        constant = key.endswith(".normal_load") and key not in loads
+        return key.startswith(of_places) or constant or not numbers[key][0]
 
     return Model(model.nominal, {key: std if held(key) else np.inf for key, std in model.calibrated.items()})
 

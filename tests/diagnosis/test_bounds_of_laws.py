@@ -82,6 +82,14 @@ def test_models_stay_within_the_bounds_of_a_law(name: str) -> None:
             cause.extend(rig, {"value": value})
 
 
+def test_a_load_goes_free_where_it_varies_else_only_its_product_with_the_coefficient() -> None:
+    law, key = Friction(Jenkins(0.4, 1e-6), 5.0), "joints.j.normal_load"
+    rigs = jointed(law), jointed(replace(law, normal_stiffness=1e4))
+    held, free = (profiled(trusted(rig, ["x"])).calibrated for rig in rigs)
+    assert np.isinf([free[key], free["joints.j.mu"], held["joints.j.mu"]]).all()
+    assert held[key] == trusted(jointed(law), ["x"]).calibrated[key] < 0.1
+
+
 def test_a_spread_is_no_number_beside_limits() -> None:
     law = Iwan(0.4, 1e4, limits=(1.0, 2.0))
     assert list(parameters(law)) == list(numbers(law)) == ["mu", "stiffness"]
