@@ -36,6 +36,9 @@ FINISHED = 40
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
+VARIATION = "contact.load_variation"
+"""How much the load on the friction of a contact varies: 0 where it is held constant, and says nothing of a lift."""
+
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
@@ -73,15 +76,18 @@ def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign
     """A model whose tip lifts off, where its reaction turns negative; else nothing.
 
     It has no number to fit, and what corrects the discretisation of a tip that is kept on its support says nothing
-    of one that is not: quick fits would not tell.
+    of one that is not: quick fits would not tell. Of a load that is held constant only the lifted model says whether
+    the tip leaves its support; where it never does, the load would vary, which is another cause.
     """
-    causes = [c for c in candidates if isinstance(c, ContactLoss) and suits(c, base.model.rig(base.x))]
-    if not causes or not any(s.lift_off for s in base.solutions.values()):
+    rig = base.model.rig(base.x)
+    causes = [c for c in candidates if isinstance(c, ContactLoss) and suits(c, rig)]
+    if not causes or (rig.number(VARIATION) > 0.0 and not any(s.lift_off for s in base.solutions.values())):
         return []
     model = base.model.extended_by(causes[0])
     tell(f"{causes[0].label}, all records")
     with suppress(*FAILURES):
-        return [refine(fit_model(model, campaign, starting(model, base, {}), base.solutions), campaign)]
+        fit = refine(fit_model(model, campaign, starting(model, base, {}), base.solutions), campaign)
+        return [fit] if any(max(s.off.values()) > 0.0 for s in fit.solutions.values()) else []
     return []
 
 

@@ -125,10 +125,10 @@ class ContactLoss(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ContactLoss"]:
-        """Offer it for a beam whose reaction varies; with a clamp that slips, or transients, it is not known."""
+        """Offer it for a beam; with a clamp that slips, or transients, it is not known."""
         contact = rig.contact
         known = contact.residual_compliance and rig.attachments.clamp_limit is None and rig.excitation.settled
-        if rig.beam is not None and known and contact.load_variation > 0.0 and not contact.lift_off:
+        if rig.beam is not None and known and not contact.lift_off:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
@@ -136,8 +136,9 @@ class ContactLoss(Cause):
         return ()
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Let the tip lift off."""
-        return replace(rig, contact=replace(rig.contact, lift_off=True))
+        """Let the tip lift off; a load that the model holds constant then varies as the reaction does."""
+        varies = rig.contact.load_variation or 1.0
+        return replace(rig, contact=replace(rig.contact, lift_off=True, load_variation=varies))
 
 
 @dataclass(frozen=True)

@@ -69,13 +69,23 @@ def test_an_extended_rig_file_lets_the_tip_lift_off(tmp_path) -> None:
     assert steady_state(extended, 48.0, harmonics=9)["normal"].samples.min() == 0.0
 
 
+def test_a_load_held_constant_says_nothing_of_a_lift_and_varies_once_the_tip_lifts_off(tmp_path) -> None:
+    write_rig(tmp_path / "rig.toml", table_1(Coulomb(mu=0.52, critical_slip=4.15e-6), alpha=20.0), amplitude=38.5)
+    rig = load_rig(tmp_path / "rig.toml")
+    constant = replace(rig, contact=replace(rig.contact, load_variation=0.0))
+    assert not steady_state(constant, 48.0, harmonics=9).lift_off
+    (cause,) = Cause.candidates(constant)
+    lifted, varied = (steady_state(cause.extend(r, {}), 48.0, harmonics=9) for r in (constant, rig))
+    assert lifted.off["the tip"] == varied.off["the tip"] > 0.0
+    assert lifted["drive"].samples == pytest.approx(varied["drive"].samples, rel=1e-9)
+
+
 def test_it_is_offered_once_and_where_it_is_known(tmp_path) -> None:
     write_rig(tmp_path / "rig.toml", table_1(Coulomb(mu=0.52, critical_slip=4.15e-6)), amplitude=1.0)
     rig = load_rig(tmp_path / "rig.toml")
     (cause,) = Cause.candidates(rig)
     for known in (
         cause.extend(rig, {}),
-        replace(rig, contact=replace(rig.contact, load_variation=0.0)),
         replace(rig, contact=replace(rig.contact, residual_compliance=False)),
         replace(rig, attachments=Attachments(clamp_stiffness=1e5, clamp_limit=1.0)),
         replace(rig, excitation=replace(rig.excitation, settled=False)),
