@@ -23,6 +23,7 @@ from models.causes.friction import (
 )
 from models.causes.joints import JOINT_CAUSES
 from models.causes.parameter import WrongParameter
+from models.causes.pressing import NormalContact
 from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition, SwappedChannels
 from models.causes.structure import (
@@ -65,6 +66,7 @@ EVERY: tuple[type[Cause], ...] = (
     ParameterDrift,
     WrongParameter,
     *JOINT_CAUSES,
+    NormalContact,
 )
 
 CAUSES = {cause.name: cause for cause in EVERY}

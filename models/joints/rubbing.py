@@ -57,7 +57,7 @@ class Friction:
     law: FrictionLaw
     normal_load: Value = field(metadata=parameter("N", "at rest; negative where open", "section 3", lower=ANY))
     normal_stiffness: Value | None = field(
-        default=None, metadata=parameter("N/m", "stiffness of the contact along its normal", "textbook")
+        default=None, metadata=parameter("N/m", "stiffness of the contact along its normal", "textbook", strict=False)
     )
     reference_load: Value | None = field(
         default=None, metadata=parameter("N", "load that stiffnesses of the law refer to; the one at rest", "section 3")

@@ -25,6 +25,7 @@ from hbm.response.trace import steady_state
 from models import Dahl, FrictionLaw, Frictionless, Iwan, Jenkins, LuGre, ModalBody, Rig, Stribeck, Viscous
 from models.causes import CAUSES, Cause, all_candidates
 from models.causes.joints import JOINT_CAUSES
+from models.causes.pressing import NormalContact
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels
 from models.friction import chosen, parameters
 from models.friction.extended import (
@@ -128,7 +129,8 @@ def test_every_cause_is_tried_here():
     tried = {type(cause_of(label)[1]).name for label in LABELS}
     # a rig alone does not show them: tests/diagnosis/test_records.py, test_transients.py, test_contact_loss.py
     of_records = {"force-distortion", "drift", "not-steady", "contact-loss"}
-    of_joints = {cause.name for cause in JOINT_CAUSES}  # tests/diagnosis/test_joint_causes.py
+    # tests/diagnosis/test_joint_causes.py, test_normal_contact.py
+    of_joints = {cause.name for cause in (*JOINT_CAUSES, NormalContact)}
     assert tried == set(CAUSES) - {"swapped-channels"} - of_records - of_joints
     parameters_tried = {label for label in LABELS if label.startswith("parameter:")}
     assert parameters_tried == {c.label for c in CAUSES["parameter"].candidates(NOMINAL["penalty"])}
