@@ -18,7 +18,9 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.fit import fit_model, refine
 from hbm.outputerror.simulated import FAILURES
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
@@ -113,7 +115,23 @@ def fit_candidates(
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = refined(more, base, campaign, foreseen)
         done = sorted([*done, *more], key=rank)
-    return followed(done, campaign) if any(enough(e) for e in done[:1]) else done
+    if not any(enough(e) for e in done[:1]):
+        return done
+    if scanned(base) and isinstance(done[0].model.causes[-1], WrongParameter):
+        joints = _taken_for(done[0].model.causes[-1], screening, {e.model.causes[-1].label for e in done})
+        near = [c for c in quick.run(joints) if c is not None and c.chi2 <= EXPLAINED * quick.few.points]
+        done = sorted([*done, *full_fits(near, base, campaign, tell, of_use)], key=rank)
+    return followed(done, campaign)
+
+
+def _taken_for(number: WrongParameter, screening: Screening, known: Collection[str]) -> list[Score]:
+    """Joints of one number that say they may be taken for a number of the rig file.
+
+    Where that is calibrated it has taken what they do before the test asks for them.
+    """
+    joints = (s for s in screening.scores if isinstance(s.cause, AddedJoint) and len(s.cause.numbers) == 1)
+    label = ENTRY.sub("[i]", number.label)
+    return [s for s in joints if label in s.cause.confused_with and s.cause.label not in known]
 
 
 def _left(chi2: float, points: int, share: float) -> float:
