@@ -33,7 +33,7 @@ def terms(end: str) -> list[tuple[float, str]]:
     Raises
     ------
     ValueError
-        If a weight is no number, 0, or one that no lever has; or a place is there twice.
+        If a weight is no number, or one that no lever has.
     """
     found = []
     for term in BETWEEN.split(end.strip()) if end else []:
@@ -44,14 +44,8 @@ def terms(end: str) -> list[tuple[float, str]]:
         except ValueError:
             raise ValueError(f'place "{end}": "{weight}" is no number; must be like 0.5*PLACE - PLACE') from None
         found.append((-factor if term.startswith("-") else factor, place.strip()))
-        if not isfinite(factor) or factor == 0.0:
-            raise ValueError(f'place "{end}": weight {weight}; must be finite and not 0')
-        if accepted := impossible("weight", factor):
+        if accepted := "must be finite" if not isfinite(found[-1][0]) else impossible("weight", found[-1][0]):
             raise ValueError(f'place "{end}": weight {weight}; {accepted}')
-    named = [place for _, place in found]
-    twice = next((place for place in named if named.count(place) > 1), None)
-    if twice is not None:
-        raise ValueError(f'place "{end}": {twice} is there twice; must be there once')
     return found
 
 
