@@ -147,7 +147,7 @@ def _responses(
         spectra = spectra.select(records=records) if records else spectra
         channels = _channels({name: "" for name in spectra.channels if name != force}, quantities)
         responses = frequency_responses(with_floor(spectra, channels, floor), force, channels)
-        known = sorted({float(level) for level in levels(spectra.level)})
+        known = sorted(set(levels(spectra.level).tolist()))
         return replace(responses, warnings=(*spectra.warnings, *responses.warnings)), known
     if records:
         raise InputError(f"{COMMAND}: --record, and {path} has no records; must be left out")

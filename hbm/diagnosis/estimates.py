@@ -8,10 +8,8 @@ import numpy as np
 from hbm.diagnosis.verdict import Estimate, Ranked
 from hbm.fourier import Array
 from hbm.outputerror.evaluation import Evaluation
-from models.causes.addedjoint import AddedJoint
 from models.causes.friction import OtherFriction
 from models.causes.parameter import WrongParameter
-from models.causes.pressing import NormalContact
 
 ONSET = 3.0
 """Records in which the tip would lift off show that it does where they leave so many times what the others leave."""
@@ -26,7 +24,7 @@ def name_of(e: Evaluation) -> str:
 def told_of(e: Evaluation) -> str:
     """The same as one of several: of a joint with its place or its name, which may be all that differs."""
     cause = e.model.causes[0]
-    return cause.label if isinstance(cause, AddedJoint | OtherFriction | NormalContact) else name_of(e)
+    return cause.label if cause.placed or isinstance(cause, OtherFriction) else name_of(e)
 
 
 def beside_it(e: Evaluation, i: int = 1) -> str:

@@ -21,6 +21,7 @@ from models.causes.cause import Cause, candidates_of
 from models.causes.records import ForceDistortion
 from models.causes.sensors import SensorGain
 from models.causes.structure import ContactLoss
+from models.change import VARIATION
 from models.jointed import AnyRig
 
 HELPS = 0.5
@@ -35,9 +36,6 @@ FINISHED = 40
 
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
-
-VARIATION = "contact.load_variation"
-"""How much the load on the friction of a contact varies: 0 where it is held constant, and says nothing of a lift."""
 
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
