@@ -30,7 +30,7 @@ MOST_TOLD = 8
 AT_END = 1e-3
 """A number of a cause is at an end of where it is looked for that differs from that by no more than this share."""
 
-TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5}
+TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5, "beam.thickness": 1.0}
 """Power of a number that all natural frequencies are proportional to."""
 
 
@@ -135,7 +135,7 @@ class Evidence:
             f"{best.model.label} lowers chi2 from {whole.chi2:.5g} to {plain.chi2:.5g} "
             f"(BIC by {whole.bic - plain.bic:.4g}){hidden}."
         )
-        yield from _clock(best)
+        yield from clock(best)
         yield from _unit(best)
         yield from at_ends(best)
         if self.within:
@@ -209,7 +209,7 @@ def _unit(best: Evaluation) -> Iterator[str]:
             yield f"Such a gain is found where {' or '.join(said)}."
 
 
-def _clock(best: Evaluation) -> Iterator[str]:
+def clock(best: Evaluation) -> Iterator[str]:
     """What else moves all natural frequencies alike: nobody looks for it, and the records cannot tell."""
     cause = best.model.causes[0]
     if isinstance(cause, WrongParameter) and cause.key in TIMED:
