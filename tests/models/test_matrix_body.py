@@ -1,5 +1,6 @@
 """Bodies given by matrices: modes against closed forms, both reductions against all degrees of freedom."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,8 @@ import pytest
 from scipy import sparse
 
 from models import Beam
-from models.bodies import FiniteBeam, MatrixBody, ModalModel
-from models.bodies.pencil import added
+from models.bodies import FiniteBeam, MatrixBody, ModalModel, pencil
+from models.bodies.pencil import added, factors
 from models.parts import Damping
 
 BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
@@ -281,3 +282,28 @@ def test_a_sum_keeps_the_zeros_that_are_stored() -> None:
     found = added(one, two)
     assert found.nnz == 6
     assert np.array_equal(found.toarray(), one.toarray() + two.toarray())
+
+
+@pytest.mark.parametrize("library", [True, False], ids=["dissected", "by-degree"])
+@pytest.mark.parametrize("pivoting", [0.0, 0.1])
+def test_factors_in_any_order_solve_and_tell_the_signs(
+    pivoting: float, library: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pencil, "FEW", 0)
+    if library:
+        pytest.importorskip("pymetis", reason="needs pip install 'casadi-hbm[solids]'")
+    else:
+        monkeypatch.setitem(sys.modules, "pymetis", None)
+    n = 12
+    one = sparse.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    eye = sparse.eye_array(n)
+    plate = (sparse.kron(one, eye) + sparse.kron(eye, one)).tocsc()
+    load = np.random.default_rng(4).standard_normal((n * n, 2))
+    found = factors(plate, pivoting)
+    assert sorted(found.order) == list(range(n * n))
+    assert (list(found.order) == sorted(found.order)) is not library
+    assert plate @ found.solve(load) == pytest.approx(load, abs=1e-12)
+    assert plate @ found.solve(load[:, 0]) == pytest.approx(load[:, 0], abs=1e-12)
+    lowest = 8.0 * np.sin(np.pi / (2 * (n + 1))) ** 2
+    assert not factors(plate - 0.99 * lowest * sparse.eye_array(n * n), 0.0).negative
+    assert factors(plate - 1.01 * lowest * sparse.eye_array(n * n), 0.0).negative
