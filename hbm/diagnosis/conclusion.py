@@ -271,6 +271,7 @@ class Conclusion:
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
+        agrees = agrees and left**2 <= 1.0 - MAIN  # a rig that does not move at all misses the response once
         if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
             return self._no_cause.verdict
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)

@@ -206,7 +206,7 @@ def factors(matrix: Matrix, pivoting: float) -> Factors:
 def _dissected(matrix: Matrix) -> npt.NDArray[np.intp] | None:
     """Order by nested dissection, which of solids leaves fewer entries; None without the library for it.
 
-    George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973).
+    George, "Nested dissection of a regular finite element mesh", SIAM Journal on Numerical Analysis 10 (1973).
     """
     try:
         from pymetis import CSRAdjacency, nested_dissection

@@ -336,7 +336,10 @@ def test_a_main_cause_leaves_no_more_than_calibration(
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
-    """Noise left; a background; more, and of a far larger effect; the response missed; most left; and so on."""
+    """Noise left; a background; more, and of a far larger effect; the response missed; most left; and so on.
+
+    A force that reads too large by thousands leaves nothing that moves, which a rig that moves 59 times too far is not.
+    """
     for noise, shares, left, before, said in (
         (True, (0.3, 0.3), 0.0, 0.002, "cause-found"),
         (False, (0.99, 0.97), 0.004, 0.1, "cause-found"),
@@ -346,6 +349,7 @@ def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
         (False, (0.95, 0.97), 0.87, 1.93, "none"),
         (False, (0.9994, 0.97), 0.47, 0.99, "main-cause"),
         (False, (0.97, 0.97), 0.65, 1850.0, "main-cause"),
+        (False, (0.9997, 0.9996), 0.995, 59.0, "none"),
         (False, (0.8, 0.6), 0.004, 0.01, "main-cause"),
         (False, (0.8, 0.4), 0.004, 0.01, "none"),
         (False, (0.99, 0.99), 0.001, 0.004, "none"),
