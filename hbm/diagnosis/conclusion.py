@@ -266,7 +266,7 @@ class Conclusion:
         best, scored = self.best
         settled, least = best.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
-        if noise and (settled or (least >= MAIN and foretells(scored, self.calibrated))):
+        if noise and (settled or (least >= MAIN and self._foretold(scored))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
@@ -275,7 +275,7 @@ class Conclusion:
         if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
             return self._no_cause.verdict
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
-        if nearly and (settled or foretells(scored, self.calibrated)) and not self._varying:
+        if nearly and (settled or self._foretold(scored)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._no_cause.verdict
@@ -311,6 +311,11 @@ class Conclusion:
         if scored is not None and self.calibrated is not None:
             whites.append((scored.evaluation.white, self.calibrated.evaluation.white))
         return all(left.charged <= WORSE * by_many.charged for left, by_many in whites)
+
+    def _foretold(self, scored: Predicted | None) -> bool:
+        """Whether transients foretell as well as calibration, within tolerances: beyond, it hides what is missing."""
+        within = self.search.tolerable(self.search.calibrated)
+        return foretells(scored, self.calibrated if within else self.nominal)
 
     def _holds(self, scored: Predicted | None) -> bool:
         """Whether a cause leaves noise alone on the records held out, and no more than calibration does."""

@@ -264,11 +264,11 @@ def judged(
     best = SimpleNamespace(settled=settled, white=left)
     monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
     monkeypatch.setattr("hbm.diagnosis.conclusion.beyond_noise", lambda white: white)
-    monkeypatch.setattr("hbm.diagnosis.conclusion.foretells", lambda scored, calibrated: foretells)
     concluded = SimpleNamespace(
         best=(best, None),
         campaign=None,
         search=SimpleNamespace(calibrated=None),
+        _foretold=lambda scored: foretells,
         _varying=varies,
         _lead=np.inf if stands else 0.0,
         _shares=dict(zip(("train", "held_out"), shares, strict=True)),
