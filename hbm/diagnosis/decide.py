@@ -82,14 +82,19 @@ def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
 
 
 def _is_its_own(e: Evaluation) -> bool:
-    """Whether numbers that do not fall below others are above them: else the cause is the law of fewer numbers."""
+    """Whether numbers that do not fall below others are above them: else the cause is the law of fewer numbers.
+
+    By a share of these, or by more than one of the two is off: what is hardly above may come from both being wrong.
+    """
     found = e.values
-    return all(
-        found[i, u.name] > (1.0 + HARDLY) * found[i, u.least]
-        for i, unknowns in enumerate(e.model.unknowns)
-        for u in unknowns
-        if u.least
-    )
+    for i, unknowns in enumerate(e.model.unknowns):
+        neutral = {u.name: u.neutral for u in unknowns}
+        for number in (u for u in unknowns if u.least):
+            above = found[i, number.name] - found[i, number.least]
+            off = min(abs(found[i, name] - neutral[name]) for name in (number.name, number.least))
+            if above <= min(HARDLY * found[i, number.least], off):
+                return False
+    return True
 
 
 def _in_several(base: Evaluation, e: Evaluation) -> bool:

@@ -8,15 +8,17 @@ import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.confidence import RELIABLE, rivals
-from hbm.diagnosis.decide import DECISIVE, Decision, contenders, plainest
+from hbm.diagnosis.decide import DECISIVE, Decision, _is_its_own, contenders, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.untested import to_hold_out
 from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
+from models.causes.friction import StribeckWeakening
 from models.causes.joints import CubicStiffness, QuinticStiffness
 from models.causes.sensors import SensorGain
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
+from models.published import paper_rig
 
 HZ, FORCES, CHANNELS, H = np.array([50.0, 52.0, 54.0, 150.0, 155.0]), (2.0, 6.0), 3, 4
 STD, RESPONSE = 0.01, 1.0
@@ -234,6 +236,25 @@ def test_a_cause_that_another_contains_wins_unless_the_rest_pays():
     assert plainest(resonator, [resonator, fit(905.0, 1, ClampRotation())]) is resonator
     pair = fit(980.0, 3, AddedMass(), ClampRotation())
     assert plainest(pair, [pair, elastic]) is elastic
+
+
+@pytest.mark.parametrize(
+    ("static", "sliding", "weakens"),
+    [
+        (0.4, 0.4, False),
+        (0.4001, 0.3969, True),  # next to nothing, but all that is off: it was 1.9 % of a response, and no cause
+        (0.403, 0.3999, True),
+        (0.48, 0.4769, False),  # both are off by 20 %
+        (0.48, 0.47, True),
+        (0.38, 0.39, False),
+    ],
+)
+def test_a_friction_weakens_where_that_is_more_than_what_is_off(static: float, sliding: float, weakens: bool) -> None:
+    unknowns = StribeckWeakening().unknowns(paper_rig())
+    nominal = unknowns[0].neutral
+    model = SimpleNamespace(unknowns=(unknowns,))
+    values = {(0, "mu_static"): static / 0.4 * nominal, (0, "mu"): sliding / 0.4 * nominal}
+    assert _is_its_own(SimpleNamespace(model=model, values=values)) is weakens
 
 
 def test_what_contains_the_best_cause_is_no_rival_of_it():
