@@ -179,8 +179,9 @@ class Factors(NamedTuple):
 
     def solve(self, load: Array) -> Array:
         """Solution for loads (n,) or (n, p)."""
-        response = np.empty_like(load)
-        response[self.order] = self.lu.solve(load[self.order])
+        ordered = self.lu.solve(load[self.order])
+        response = np.empty_like(ordered)
+        response[self.order] = ordered
         return response
 
     @property
