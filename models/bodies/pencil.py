@@ -179,7 +179,7 @@ class Factors(NamedTuple):
 
     def solve(self, load: Array) -> Array:
         """Solution for loads (n,) or (n, p)."""
-        ordered = self.lu.solve(load[self.order])
+        ordered: Array = self.lu.solve(load[self.order])
         response = np.empty_like(ordered)
         response[self.order] = ordered
         return response

@@ -111,7 +111,7 @@ def test_a_model_foretells_that_is_no_worse_than_calibration_and_says_something(
 
 @pytest.mark.parametrize(("tolerable", "does"), [(True, False), (False, True)])
 def test_calibration_beyond_tolerances_is_no_measure_of_what_is_foretold(tolerable: bool, does: bool) -> None:
-    """Four numbers at 3.5 tolerances left 3.4 % of records held out, in place of 4.7: a late start was `unexplained`."""
+    """Numbers at 3.5 tolerances left 3.4 % of records held out, in place of 4.7: a late start was `unexplained`."""
     errors = {"scored": 0.0476, "calibrated": 0.0339, "nominal": 0.0468}
     held_out = {name: SimpleNamespace(errors=Errors(error, 1.0)) for name, error in errors.items()}
     found = SimpleNamespace(search=SimpleNamespace(calibrated=None, tolerable=lambda e: tolerable), **held_out)
