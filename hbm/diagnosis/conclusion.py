@@ -266,16 +266,16 @@ class Conclusion:
         best, scored = self.best
         settled, least = best.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
-        if noise and (settled or (least >= MAIN and self._foretold(scored))):
+        if noise and (settled or (least >= MAIN and self._transients_foretell(scored))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         agrees = left <= SAYS_NOTHING * max(1.0, before) or (self._shares["train"] >= NEXT_TO_ALL and least >= NEARLY)
-        agrees = agrees and left**2 <= 1.0 - MAIN  # a rig that does not move at all misses the response once
-        if least < MAIN or before <= NOTABLE or not agrees or not self._as_well(best, scored):
+        still = left**2 > 1.0 - MAIN  # a rig that does not move at all misses the response once
+        if least < MAIN or before <= NOTABLE or still or not agrees or not self._as_well(best, scored):
             return self._no_cause.verdict
         nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
-        if nearly and (settled or self._foretold(scored)) and not self._varying:
+        if nearly and (settled or self._transients_foretell(scored)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._no_cause.verdict
@@ -312,8 +312,8 @@ class Conclusion:
             whites.append((scored.evaluation.white, self.calibrated.evaluation.white))
         return all(left.charged <= WORSE * by_many.charged for left, by_many in whites)
 
-    def _foretold(self, scored: Predicted | None) -> bool:
-        """Whether transients foretell as well as calibration, within tolerances: beyond, it hides what is missing."""
+    def _transients_foretell(self, scored: Predicted | None) -> bool:
+        """Whether they foretell as calibration does, within tolerances: beyond these it hides what is missing."""
         within = self.search.tolerable(self.search.calibrated)
         return foretells(scored, self.calibrated if within else self.nominal)
 

@@ -6,6 +6,7 @@ all that were tried (Sidak), and what then fits records it has not seen.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy import special
@@ -87,14 +88,13 @@ def _is_its_own(e: Evaluation) -> bool:
     By a share of these, or by more than one of the two is off: what is hardly above may come from both being wrong.
     """
     found = e.values
-    for i, unknowns in enumerate(e.model.unknowns):
-        neutral = {u.name: u.neutral for u in unknowns}
-        for number in (u for u in unknowns if u.least):
-            above = found[i, number.name] - found[i, number.least]
-            off = min(abs(found[i, name] - neutral[name]) for name in (number.name, number.least))
-            if above <= min(HARDLY * found[i, number.least], off):
-                return False
-    return True
+    return all(
+        found[i, u.name] - found[i, least.name]
+        > min(HARDLY * found[i, least.name], *(abs(found[i, n.name] - n.neutral) for n in (u, least)))
+        for i, unknowns in enumerate(e.model.unknowns)
+        for u, least in permutations(unknowns, 2)
+        if u.least == least.name
+    )
 
 
 def _in_several(base: Evaluation, e: Evaluation) -> bool:

@@ -63,14 +63,14 @@ def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
     return Predicted(there, replace(_within(there, e, first, hidden), nrmse=nrmse(there.white.predicted)))
 
 
-def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
-    """Whether the error on records held out, nothing fitted to them, is no larger than that of calibration.
+def foretells(scored: Predicted | None, plain: Predicted | None) -> bool:
+    """Whether the error on records held out, nothing fitted to them, is no larger than that of a model without a cause.
 
     Nor so large that it says nothing: transients take the place of whatever moves the modes alone, in each record anew.
     """
-    if scored is None or calibrated is None:
+    if scored is None or plain is None:
         return True
-    return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
+    return scored.errors.nrmse <= min(WORSE * plain.errors.nrmse, SAYS_NOTHING)
 
 
 def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:

@@ -289,7 +289,7 @@ def judged(
         best=(best, None),
         campaign=None,
         search=SimpleNamespace(calibrated=None),
-        _foretold=lambda scored: foretells,
+        _transients_foretell=lambda scored: foretells,
         _varying=varies,
         _lead=np.inf if stands else 0.0,
         _shares=dict(zip(("train", "held_out"), shares, strict=True)),

@@ -115,7 +115,7 @@ def test_calibration_beyond_tolerances_is_no_measure_of_what_is_foretold(tolerab
     errors = {"scored": 0.0476, "calibrated": 0.0339, "nominal": 0.0468}
     held_out = {name: SimpleNamespace(errors=Errors(error, 1.0)) for name, error in errors.items()}
     found = SimpleNamespace(search=SimpleNamespace(calibrated=None, tolerable=lambda e: tolerable), **held_out)
-    assert Conclusion._foretold(found, held_out["scored"]) is does
+    assert Conclusion._transients_foretell(found, held_out["scored"]) is does
 
 
 def test_one_record_alone_is_no_evidence_of_them(tmp_path, steady, early):
