@@ -111,16 +111,23 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
     return sorted(fits, key=lambda e: (len(e.missing), e.bic))
 
 
-def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluation]) -> list[Evaluation]:
+def leading(
+    base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluation], most: int = TOGETHER
+) -> list[Evaluation]:
     """Causes over a base beside which a second one is looked for: the one accepted, or else the first of those raced.
 
     Of two that hide each other, as one that softens and one that hardens, none may be believed alone, nor leave the
     rig file within its tolerances. Transients never lead: they take most of anything.
     """
     whole = [e for e in raced if not e.missing and e.settled]
-    labels = list(dict.fromkeys(e.model.label for e in whole))[:TOGETHER]
+    labels = list(dict.fromkeys(e.model.label for e in whole))[:most]
     firsts = [next(e for e in whole if e.model.label == label) for label in labels] if first is None else [first]
     return [e for e in firsts if e.settled and e.chi2 <= STRONGER * base.chi2]
+
+
+def hardly_behind(bic: Sequence[float]) -> int:
+    """How many causes may lead a pair where readings are few: also those hardly behind the last that does anyhow."""
+    return sum(found <= bic[min(TOGETHER, len(bic)) - 1] + BARE for found in bic)
 
 
 def pays(pair: Evaluation, fits: Sequence[Evaluation]) -> bool:

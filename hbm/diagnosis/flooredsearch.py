@@ -16,7 +16,7 @@ from hbm.diagnosis.barred import barred
 from hbm.diagnosis.calibrate import tolerable, trusted
 from hbm.diagnosis.conclusion import MAIN
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, takes_much, tied
+from hbm.diagnosis.decide import accepted, best_of, hardly_behind, inclusion, inside, leading, takes_much, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.flooredevidence import floored_evidence, white_beside
@@ -211,7 +211,8 @@ class FlooredSearch:
         if negligible(self.beside(base, 0.0).white):
             return first
         whole = partial(self.beside, floor=left)
-        strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone])
+        most = hardly_behind([self._judged(e) for e in self.alone])
+        strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone], most)
         self.leads = [self.beside(e, self.campaign.floor) for e in strong]
         pairs = [e for lead in self.leads for e in self.race(lead, LEFT * lead.chi2) if takes_much(lead, e)]
         return self._best(base, sorted(pairs, key=self._judged)) or first

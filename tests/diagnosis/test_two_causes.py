@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hbm.diagnosis.decide import STRONGER, leading
+from hbm.diagnosis.decide import STRONGER, hardly_behind, leading
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.predict import pays_unseen
 from hbm.diagnosis.verdict import Diagnosis
@@ -108,6 +108,15 @@ def test_first_causes_lead_that_take_a_large_share() -> None:
     assert leading(base, transient, raced) == []
     little = fit("d", 1001.0 * STRONGER)
     assert leading(base, little, raced) == leading(base, None, [little]) == []
+
+
+def test_of_few_readings_those_lead_too_that_are_hardly_behind() -> None:
+    judged = [-78.5, -76.2, -76.1, -74.3, -74.1, -60.0]
+    assert hardly_behind(judged) == 4
+    assert [hardly_behind(judged[:n]) for n in range(3)] == [0, 1, 2]
+    raced = [fit(label, 100.0) for label in "abcdef"]
+    assert leading(fit("base", 1000.0), None, raced, hardly_behind(judged)) == raced[:4]
+    assert leading(fit("base", 1000.0), raced[2], raced, hardly_behind(judged)) == raced[2:3]
 
 
 @pytest.mark.parametrize(("left", "paid"), [(69.0, True), (71.0, False)])
