@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, Field, create_model
+from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
@@ -50,7 +50,10 @@ EVERY_LAW = {**LAWS, **JOINT_LAWS}
 
 FreeFrequency = Annotated[NonNegative, possible("frequencies_hz")]
 Place = Annotated[str, Field(min_length=1, pattern=PRINTABLE)]
-Places = Place | Annotated[list[Place], Field(min_length=1)]
+Places = Annotated[
+    Annotated[Place, Tag("text")] | Annotated[list[Place], Field(min_length=1), Tag("array")],
+    Discriminator(lambda found: "array" if isinstance(found, list) else "text"),
+]
 
 
 class HeldBeamTable(BeamTable):

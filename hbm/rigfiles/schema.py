@@ -348,7 +348,7 @@ def _bounds(schema: type[Table], key: Key) -> list[str]:
     return [f"{sign} {limit:g}" for sign, limit in limits]
 
 
-_OF_PYDANTIC = ("constrained-str", "list[constrained-str]", "[key]")
+_OF_PYDANTIC = ("text", "array", "[key]")
 _BOUNDS = ("greater_than", "greater_than_equal", "less_than_equal")
 _SIGNS = {"gt": ">", "ge": ">=", "le": "<="}
 _WORDS = {

@@ -152,6 +152,9 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
             "[excitation]\nposition = 0.1",
             "excitation.position and at are both present; must have one of them",
         ),
+        ('at = "two"', 'at = ["two", 3]', "joints[1].at[2] = 3; must be a text in quotes"),
+        ('at = "two"', "at = []", "joints[1].at is an empty array; must have at least one entry"),
+        ('at = "two"', "at = 0.3", "joints[1].at = 0.3; must be a text in quotes"),
         ('at = "two"', 'at = "tow"', 'two modes: joint pad: at = "tow"; ports are one, two; did you mean two?'),
         (
             'at = "two"',
