@@ -183,8 +183,11 @@ class Conclusion:
         if untested:
             del shares["held_out"]
         told = () if best is None or self._varying is None else (self._varying.sentence,)
-        left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
-        missed = self._missed(plain) if best is None else 0.0
+        missed, scored = self._missed(best or plain), self._scored(best or plain)
+        if best is not None and missed and scored is not None and self.hidden is not None:
+            left = remainder(scored.evaluation.white, self.hidden, True, shares, told)
+        else:
+            left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
         return replace(left, untested=untested, missed=missed, uncertain=self._uncertain(best or plain))
 
     def _uncertain(self, e: Evaluation) -> float:

@@ -283,7 +283,7 @@ class FlooredSearch:
             confidence=self._confidence(verdict, named, shares),
             not_separable=tuple(dict.fromkeys([*places, *ties])),
             separate_by=OTHER_MODES if places else "",
-            remainder=self._remainder(judged, shares, None if named else unseen.get("calibrated")),
+            remainder=self._remainder(judged, shares, unseen.get("extended" if named else "calibrated")),
             errors=_errors(plain, unseen),
             held_out_records=() if self.hidden is None else tuple(self.hidden.numbers),
             ranking=tuple(self._ranked(e) for e in self.fits),

@@ -42,6 +42,8 @@ UNLIKE = "noise variances), but not spread like it"
 class Remainder:
     """The misfit that the model chosen leaves.
 
+    That of the records fitted; of those held out where a cause was named, and these alone are more than noise.
+
     Attributes
     ----------
     explained : dict of str to float
@@ -88,6 +90,11 @@ class Remainder:
         if not self.structured:
             return f"{explained}What remains is noise{self._held_out}."
         where = f": {'; '.join(self.places)}" if self.places else ""
+        if self.missed:
+            return (
+                f"{explained}What remains is noise on the records fitted; those held out are missed by "
+                f"{percent(self.size)} of the response ({self.noise_variances:.3g} noise variances){where}."
+            )
         if not self.size:
             return f"{explained}What remains is no larger than noise ({self.noise_variances:.3g} {UNLIKE}{where}."
         return (

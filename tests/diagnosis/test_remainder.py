@@ -181,6 +181,37 @@ def test_what_shows_in_the_records_held_out_alone_is_told(
     assert told == f"What remains is noise{others}."
 
 
+def test_a_cause_that_leaves_noise_of_the_records_fitted_alone_leaves_what_those_held_out_miss(
+    monkeypatch, noise, campaign
+):
+    """Its remainder was said to be noise, at 12 % of the response of the records held out."""
+    monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=True))
+    held = missing(noise, (noise.harmonic == 1) & (noise.channel == 2), 0.03)
+    unseen = SimpleNamespace(misfit=SimpleNamespace(fits=False, nrmse=0.03), evaluation=SimpleNamespace(white=held))
+    best = SimpleNamespace(white=noise, settled=True)
+    found = SimpleNamespace(
+        _no_cause=SimpleNamespace(base=None),
+        _scored=lambda e: unseen,
+        _noise=lambda e: e,
+        _missed=lambda e: 0.03,
+        _uncertain=lambda e: 0.0,
+        _shares={"train": 1.0, "held_out": 0.72},
+        **dict.fromkeys(("verdict", "_untested", "_varying")),
+        **dict.fromkeys(("campaign", "hidden"), campaign),
+    )
+    left = Conclusion._remainder(found, best)
+    assert left.structured and left.size == pytest.approx(beyond_noise(held))
+    assert left.noise_variances == pytest.approx(held.chi2 / len(held)) and left.harmonics == {
+        1: pytest.approx(1.0, abs=0.1)
+    }
+    rest = f"those held out are missed by {100.0 * left.size:.2g} % of the response ({left.noise_variances:.3g} noise"
+    assert (
+        f"72 % of the misfit on the records held out. What remains is noise on the records fitted; {rest}"
+        in left.sentence
+    )
+    assert "in channel a3" in left.sentence
+
+
 @pytest.mark.parametrize(("fits", "variances", "told"), [(True, 7.2, 7.2), (True, 1.0, 0.0), (False, 7.2, 0.0)])
 def test_what_uncertain_numbers_take_of_the_records_held_out_is_told(
     noise, campaign, fits: bool, variances: float, told: float
