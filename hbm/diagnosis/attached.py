@@ -23,9 +23,10 @@ from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
+from models.causes.structure import AddedSpring, SupportRotationSpring
 from models.elements import Element, Reading
 from models.jointed import JointedRig
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 PLACES, CLOSE = 12, 3
 """Positions along the beam, equally far apart; and more between the best and each of its neighbours."""
@@ -115,6 +116,8 @@ def same_force(found: Evaluation, i: int, cause: Cause, campaign: Campaign) -> S
     rig, values, there = found.model.nominal, found.model.values(found.x, i), found.model.causes[i]
     if isinstance(there, AddedJoint):
         return there.plainly(values)
+    if isinstance(there, AddedSpring) and isinstance(cause, SupportRotationSpring):  # a lever from the support
+        return {"stiffness": values["stiffness"] * (beam_of(rig).length - values["position"]) ** 2}
     if isinstance(rig, JointedRig) or not (unknowns := cause.unknowns(rig)):
         return {}
     size, *shapes = unknowns

@@ -179,9 +179,7 @@ class Conclusion:
         """The misfit that the model of the verdict leaves."""
         plain = self._no_cause.judged if self.verdict == "consistent" else self._no_cause.base
         e = self._noise(best or plain)
-        shares, untested = {} if best is None else dict(self._shares), best is not None and self._untested
-        if untested:
-            del shares["held_out"]
+        shares, untested = {} if best is None else self._shares, best is not None and self._untested
         told = () if best is None or self._varying is None else (self._varying.sentence,)
         missed, scored = self._missed(best or plain), self._scored(best or plain)
         if best is not None and missed and scored is not None and self.hidden is not None:
@@ -214,13 +212,16 @@ class Conclusion:
 
     @cached_property
     def _shares(self) -> dict[str, float]:
-        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out."""
+        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out.
+
+        Where records held out test it.
+        """
         if self.best is None:
             return {}
         best, scored = self.best
         before, unseen = self.plain[self._extends(best)]
         shares = {"train": explained(before.white, self._noise(best).white)}
-        if scored is not None and unseen is not None:
+        if scored is not None and unseen is not None and not self._untested:
             shares["held_out"] = explained(unseen.evaluation.white, scored.evaluation.white)
         return shares
 
@@ -258,7 +259,7 @@ class Conclusion:
 
     def _foretells(self, best: Evaluation) -> bool:
         """Whether a cause that leaves noise foretells the records held out, and is needed; transients have no size."""
-        foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
+        foretold = self._shares.get("held_out", 0.0) >= FORETOLD
         return foretold and not self._within_too(best) and (not best.settled or matters(best, self._std))
 
     @cached_property

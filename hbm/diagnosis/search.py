@@ -84,7 +84,11 @@ class Search(Standing):
         """
         if found.best is None:
             instead = [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
-            return [e for e in instead if not self._alone_does(e, BARE)]
+            return [
+                e
+                for e in instead
+                if not self._alone_does(e, DECISIVE if isinstance(e.model.causes[0], WrongParameter) else BARE)
+            ]
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _contained(self, found: Decision) -> Decision:

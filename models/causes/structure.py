@@ -210,6 +210,7 @@ class AddedSpring(Cause):
     check: ClassVar[str] = (
         "look for what touches the beam there, such as a cable, free it and repeat the records missed most"
     )
+    contains: ClassVar[tuple[str, ...]] = ("support-rotation-spring",)  # stiff and close to the support
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AddedSpring"]:

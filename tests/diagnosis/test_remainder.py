@@ -91,16 +91,18 @@ def concluded(before, after, share):
     fits = SimpleNamespace(misfit=SimpleNamespace(fits=True), evaluation=SimpleNamespace(white=after))
     found = SimpleNamespace(
         best=(best, fits),
-        plain={"calibrated": (None, SimpleNamespace(evaluation=SimpleNamespace(white=before)))},
+        plain={
+            "calibrated": (SimpleNamespace(white=before), SimpleNamespace(evaluation=SimpleNamespace(white=before)))
+        },
         campaign=None,
         decision=SimpleNamespace(base=None, fits=()),
         _extends=lambda best: "calibrated",
         _noise=lambda e: e,
-        _shares={"train": 1.0, "held_out": share},
         _within_too=lambda best: False,
         _std=None,
     )
     found._untested = Conclusion._untested.func(found)
+    found._shares = {"train": 1.0} if found._untested else {"train": 1.0, "held_out": share}
     found._foretells = lambda best: Conclusion._foretells(found, best)
     return found
 
@@ -126,6 +128,8 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
         assert (
             Conclusion._confidence(found, "cause-found", found.best[0]) == RELIABLE["foretold" if tested else "noise"]
         )
+        shares, found.best[0].white = {"train", *(["held_out"] if tested else [])}, noise
+        assert Conclusion._shares.func(found).keys() == shares  # what tests nothing decides nothing
     left = replace(remainder(noise, campaign, False, {"train": 0.986}), untested=True)
     assert left.sentence == (
         "Explained: 98.6 % of the misfit on the records fitted. The records held out do not test the cause: noise "
