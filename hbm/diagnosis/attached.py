@@ -116,10 +116,10 @@ def same_force(found: Evaluation, i: int, cause: Cause, campaign: Campaign) -> S
     rig, values, there = found.model.nominal, found.model.values(found.x, i), found.model.causes[i]
     if isinstance(there, AddedJoint):
         return there.plainly(values)
-    if isinstance(there, AddedSpring) and isinstance(cause, SupportRotationSpring):  # a lever from the support
-        return {"stiffness": values["stiffness"] * (beam_of(rig).length - values["position"]) ** 2}
     if isinstance(rig, JointedRig) or not (unknowns := cause.unknowns(rig)):
         return {}
+    if isinstance(there, AddedSpring) and isinstance(cause, SupportRotationSpring):  # a lever from the support
+        return {"stiffness": values["stiffness"] * (beam_of(rig).length - values["position"]) ** 2}
     size, *shapes = unknowns
     if any(u.name not in values for u in shapes):
         return {}
