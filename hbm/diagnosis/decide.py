@@ -193,6 +193,11 @@ def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
     return sorted(held, key=lambda e: (e.model.counted, e.bic))
 
 
+def same_or_held(e: Evaluation, by: Evaluation) -> bool:
+    """Whether a model has the causes of another one, or one that the only one of these contains."""
+    return e.model.causes == by.model.causes or (len(by.model.causes) == 1 and bool(inside(by, [e])))
+
+
 def held_by(cause: Cause) -> set[str]:
     """Labels of a cause and of the simpler ones that it is at some values: of a joint, at the same place."""
     return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}

@@ -24,6 +24,7 @@ from hbm.diagnosis.decide import (
     others_of,
     pays,
     plainest,
+    same_or_held,
     simpler,
     suspicious,
     tied,
@@ -39,7 +40,6 @@ from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.fit import fit_model, refine
-from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
@@ -71,7 +71,7 @@ class Search(Standing):
         plain = self.campaign
         for e in self._simpler_than(found):
             beside_it = self._beside_background(e)
-            if _same_or_held(beside_it.story, e):
+            if same_or_held(beside_it.story, e):
                 return beside_it
             self.campaign = plain
         return found
@@ -92,8 +92,16 @@ class Search(Standing):
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _contained(self, found: Decision) -> Decision:
-        """The same beside causes that the one found contains and that were not tried."""
+        """The same beside causes that the one found contains, and numbers that do alike, that were not tried.
+
+        Where one of these does it within its tolerance, calibration goes on from there: it had ended in a wrong valley.
+        """
         again = [] if found.best is None else self._held_in(found.best, found.fits)
+        for e in again:
+            if found.best is not None and self._is_small_error(e) and e.bic <= found.best.bic + DECISIVE:
+                self.calibrated = self._calibrated_from(e) or self.calibrated
+                if self._within():
+                    return self._within_tolerances(found)
         return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
 
     def _held_in(self, best: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
@@ -133,10 +141,6 @@ class Search(Standing):
                 found += [(i, number) for number in numbers if number.label in alike]
         return found
 
-    def _fitted_over(self, model: Model) -> list[Evaluation]:
-        """What was fitted over the same rig file as a model: as it is, or calibrated."""
-        return [e for e in self.fitted if bool(e.model.calibrated) == bool(model.calibrated)]
-
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
         nominal = misfit(self.nominal, self.campaign)
@@ -145,15 +149,17 @@ class Search(Standing):
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
         exact = self._exact()
-        if self._explains(exact) and (not self._within() or self._likelier(exact)):
+        if self._stands(exact):
             return exact
         if self._within():
             return self._within_tolerances(exact)
         if nominal.fits:
             return Decision(self.nominal, None, exact.fits)
         exact = self._instead(exact)
-        if self._explains(exact):
+        if self._stands(exact):  # calibration may have come to leave noise meanwhile
             return exact
+        if self._within():
+            return self._within_tolerances(exact)
         first = self._over_calibrated(exact)
         if self._within():
             return self._within_tolerances(exact)
@@ -199,8 +205,11 @@ class Search(Standing):
             return Decision(self.calibrated, None, exact.fits)
         found = self._race(self.nominal, replace(screening, scores=tuple(causes[:COMPARED])), 0.5)
         fits = tuple(one_of_each(best_of([*found.fits, *exact.fits])))
-        stands = self._explains(found) and self._likelier(found)
-        return found if stands else Decision(self.calibrated, None, fits)
+        return found if self._stands(found) else Decision(self.calibrated, None, fits)
+
+    def _stands(self, found: Decision) -> bool:
+        """Whether a cause over the rig file as it is explains it, and small errors of its numbers are less likely."""
+        return self._explains(found) and (not self._within() or self._likelier(found))
 
     def _likelier(self, found: Decision) -> bool:
         """Whether the cause found is likelier than many small errors of the rig file, and than one of these alone."""
@@ -219,7 +228,7 @@ class Search(Standing):
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains the calibrated rig file, calibrated further from where that was found if it gets further."""
         first = self._first_over_calibrated(exact)
-        further = self._calibrated_from(first)
+        further = None if first.best is None else self._calibrated_from(first.best)
         if further is None:
             return first
         self.calibrated = further
@@ -348,11 +357,6 @@ class Search(Standing):
         self.quickly |= quick.solved
         return self._decided(over, [*lifted, *fits], self.tried)
 
-    def _calibrated_from(self, found: Decision) -> Evaluation | None:
-        """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
-        again = [] if found.best is None else started(self.calibrated, found.best, (), self.campaign)
-        return next((e for e in again if e.chi2 <= self.calibrated.chi2 - DECISIVE), None)
-
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.
 
@@ -392,8 +396,3 @@ class Search(Standing):
         self.fitted += [*fits, *parted]
         found = self._decided(base, [*fits, *parted, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
-
-
-def _same_or_held(e: Evaluation, by: Evaluation) -> bool:
-    """Whether a model has the causes of another one, or one that the only one of these contains."""
-    return e.model.causes == by.model.causes or (len(by.model.causes) == 1 and bool(inside(by, [e])))

@@ -152,6 +152,19 @@ class Standing:
         self.calibrated = further or self.calibrated
         return further is not None
 
+    def _is_small_error(self, e: Evaluation) -> bool:
+        """Whether a model is one number of the rig file, within its tolerance."""
+        return e.model.label in self._tolerated and not self.tolerable(e)
+
+    def _calibrated_from(self, found: Evaluation) -> Evaluation | None:
+        """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
+        again = started(self.calibrated, found, (), self.campaign)
+        return next((e for e in again if e.chi2 <= self.calibrated.chi2 - DECISIVE), None)
+
+    def _fitted_over(self, model: Model) -> list[Evaluation]:
+        """What was fitted over the same rig file as a model: as it is, or calibrated."""
+        return [e for e in self.fitted if bool(e.model.calibrated) == bool(model.calibrated)]
+
     def _enough(self, e: Evaluation) -> bool:
         """Whether a model within tolerances leaves noise, or so little that it may be a background."""
         return self.tolerable(e) and self._nearly(e)

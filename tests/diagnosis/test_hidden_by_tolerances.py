@@ -7,11 +7,11 @@ import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.confidence import RELIABLE
-from hbm.diagnosis.decide import DECISIVE, accepted, evidence, inclusion, tied
+from hbm.diagnosis.decide import DECISIVE, accepted, evidence, inclusion, same_or_held, tied
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.search import Search, _same_or_held
+from hbm.diagnosis.search import Search
 from hbm.diagnosis.signatures import starting
 from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.fit import fit_model
@@ -99,7 +99,7 @@ def test_a_clamp_that_never_slips_is_tried_as_the_elastic_one_that_it_contains(e
     values = clamp.values | {(0, "limit"): 1e5}
     slipping = evaluate(model, search.campaign, model.at(values), clamp.solutions)
     (elastic,) = search._held_in(slipping, (slipping,))
-    assert _same_or_held(elastic, slipping) and not _same_or_held(slipping, elastic)
+    assert same_or_held(elastic, slipping) and not same_or_held(slipping, elastic)
     assert elastic.model.label == "clamp-rotation"
     assert elastic.values[0, "stiffness"] == pytest.approx(3e4, rel=0.05)
     assert search._held_in(slipping, (slipping, clamp)) == []

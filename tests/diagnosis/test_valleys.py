@@ -521,6 +521,7 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     search: Any = SimpleNamespace(
         identified=False, candidates=(stop, spring, ClampRotation()), campaign=Campaign(None, None),  # type: ignore[arg-type]
         fitted=[], tried=1, _alike_in=lambda best: [], _decided=lambda base, fits, tried: (base, fits),
+        _is_small_error=lambda e: False,
     )  # fmt: skip
     search._held_in = partial(Search._held_in, search)
     found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
@@ -580,6 +581,26 @@ def test_causes_that_are_not_believed_are_ranked_once_each(monkeypatch: pytest.M
         _accepted=lambda *_: False,
     )
     assert Search._beside_background(search).fits == (first, other)
+
+
+@pytest.mark.parametrize(
+    ("small", "above", "named"), [(True, 0.9, None), (True, 1.1, "thickness"), (False, 0.9, "thickness")]
+)
+def test_a_number_within_its_tolerance_that_does_as_well_leads_calibration_out_of_a_wrong_valley(
+    small: bool, above: float, named: str | None
+) -> None:
+    """There a thickness was named for a modulus 0.3 % off, and the calibrated rig file missed what either left."""
+    thickness: Any = SimpleNamespace(name="thickness", bic=100.0)
+    modulus: Any = SimpleNamespace(name="modulus", bic=100.0 + above * DECISIVE)
+    search: Any = SimpleNamespace(
+        calibrated="stuck", tried=9, _held_in=lambda best, fits: [modulus], _is_small_error=lambda e: small,
+        _calibrated_from=lambda e: e.name, _decided=lambda base, fits, tried: Decision(base, fits[-1], tuple(fits)),
+        _within_tolerances=lambda found: Decision(search.calibrated, None, found.fits),
+    )  # fmt: skip
+    search._within = lambda: search.calibrated == "modulus"
+    found = Search._contained(search, Decision("as it is", thickness, (thickness,)))  # type: ignore[arg-type]
+    assert (found.best and found.best.name) == named  # type: ignore[attr-defined]
+    assert search.calibrated == ("stuck" if named else "modulus")
 
 
 def test_a_limit_is_lowered_from_where_the_cause_has_no_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
