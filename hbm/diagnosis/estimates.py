@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from hbm.diagnosis.verdict import Estimate, Ranked
 from hbm.fourier import Array
@@ -12,6 +12,12 @@ from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.model import Free
 from models.causes.friction import OtherFriction
 from models.causes.parameter import WrongParameter
+
+RIGID = 0.01
+"""Of its standard deviation: records do not tell a compliance so small from none."""
+
+FAR, COMPARED = 8.0, 4000
+"""Standard deviations beyond which no compliance is possible; how many are compared."""
 
 ONSET = 3.0
 """Records in which the tip would lift off show that it does where they leave so many times what the others leave."""
@@ -57,8 +63,8 @@ def _told(f: Free, x: float, std: float) -> float:
 def std_upwards(stiffness: float, std: float) -> float:
     """Standard deviation of a stiffness that records tell by its compliance, as far as it may be larger.
 
-    The compliance is as likely above as below, but never negative: what is nearly rigid may be several times stiffer,
-    but not several times softer. One number for both sides says the larger one.
+    What is nearly rigid may be many times stiffer, but not many times softer, and one number for both sides says the
+    larger one. Compliances are equally likely before by their logarithm, down to where records see none.
 
     Parameters
     ----------
@@ -72,9 +78,10 @@ def std_upwards(stiffness: float, std: float) -> float:
     """
     if not np.isfinite(stiffness) or std <= 0.0:
         return std
-    rigid = ndtr(-stiffness / std)  # share of compliances that would be negative
-    share = 1.0 + std / stiffness * ndtri(rigid + (1.0 - rigid) * ndtr(-1.0))  # of the compliance told
-    return max(std, float(stiffness * (1.0 / share - 1.0)))
+    told = stiffness / std  # the compliance, as all here in its own deviations
+    possible = np.geomspace(max(RIGID, told - FAR), told + FAR, COMPARED)
+    share = np.cumsum(np.exp(-0.5 * (possible - told) ** 2))
+    return max(std, float(stiffness * (told / np.interp(ndtr(-1.0) * share[-1], share, possible) - 1.0)))
 
 
 def ranked(e: Evaluation, held_out: float | None) -> Ranked:
