@@ -8,6 +8,7 @@ beside a contact force that is free all that is left of a rig is linear, so that
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,10 @@ from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
-from models.causes.structure import AddedSpring, SupportRotationSpring
+from models.causes.structure import AddedSpring
 from models.elements import Element, Reading
 from models.jointed import JointedRig
-from models.rig import Rig, beam_of
+from models.rig import Rig
 
 PLACES, CLOSE = 12, 3
 """Positions along the beam, equally far apart; and more between the best and each of its neighbours."""
@@ -113,13 +114,12 @@ def same_force(found: Evaluation, i: int, cause: Cause, campaign: Campaign) -> S
     At the frequencies of the records: a resonator far above its own frequency pushes as a spring. Nothing where either
     attaches nothing, or is shaped by what the other has not.
     """
-    rig, values, there = found.model.nominal, found.model.values(found.x, i), found.model.causes[i]
-    if isinstance(there, AddedJoint):
-        return there.plainly(values)
+    rig: Any = found.model.nominal
+    values, there = found.model.values(found.x, i), found.model.causes[i]
+    if isinstance(there, AddedJoint | AddedSpring):
+        return there.plainly(rig, values)
     if isinstance(rig, JointedRig) or not (unknowns := cause.unknowns(rig)):
         return {}
-    if isinstance(there, AddedSpring) and isinstance(cause, SupportRotationSpring):  # a lever from the support
-        return {"stiffness": values["stiffness"] * (beam_of(rig).length - values["position"]) ** 2}
     size, *shapes = unknowns
     if any(u.name not in values for u in shapes):
         return {}

@@ -178,15 +178,16 @@ class Conclusion:
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
         plain = self._no_cause.judged if self.verdict == "consistent" else self._no_cause.base
-        e = self._noise(best or plain)
+        model = best or plain
+        white, campaign = self._noise(model).white, self.campaign
         shares, untested = {} if best is None else self._shares, best is not None and self._untested
         told = () if best is None or self._varying is None else (self._varying.sentence,)
-        missed, scored = self._missed(best or plain), self._scored(best or plain)
+        structured = bool(told) or not misfit(self._noise(model), campaign).fits
+        missed, scored = self._missed(model), self._scored(model)
         if best is not None and missed and scored is not None and self.hidden is not None:
-            left = remainder(scored.evaluation.white, self.hidden, True, shares, told)
-        else:
-            left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
-        return replace(left, untested=untested, missed=missed, uncertain=self._uncertain(best or plain))
+            white, campaign, structured = scored.evaluation.white, self.hidden, True
+        left = remainder(white, campaign, structured, shares, told)
+        return replace(left, untested=untested, missed=missed, uncertain=self._uncertain(model))
 
     def _uncertain(self, e: Evaluation) -> float:
         """Noise variances of the records held out, where only how uncertain its numbers are makes noise of these.

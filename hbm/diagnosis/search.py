@@ -83,12 +83,11 @@ class Search(Standing):
         if no single one of them does as well.
         """
         if found.best is None:
-            instead = [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
-            return [
-                e
-                for e in instead
-                if not self._alone_does(e, DECISIVE if isinstance(e.model.causes[0], WrongParameter) else BARE)
-            ]
+            best = None if self._fits(self.nominal) else next(filter(self._enough, found.fits), None)
+            if best is None:
+                return []
+            margin = DECISIVE if isinstance(best.model.causes[0], WrongParameter) else BARE
+            return [] if self._alone_does(best, margin) else [best]
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _contained(self, found: Decision) -> Decision:

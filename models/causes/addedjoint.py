@@ -126,7 +126,7 @@ class AddedJoint(Cause):
         """Other places along which it acts too, in proportion to the motion there."""
         return ()
 
-    def plainly(self, values: Mapping[str, float]) -> dict[str, float]:
+    def plainly(self, rig: JointedRig, values: Mapping[str, float]) -> dict[str, float]:
         """Numbers of what it contains, beside those of the same name, where that does the same."""
         return {}
 

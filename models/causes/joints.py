@@ -267,7 +267,7 @@ class LocalBacklash(AddedJoint):
     )
     made = Backlash
 
-    def plainly(self, values: Mapping[str, float]) -> dict[str, float]:
+    def plainly(self, rig: JointedRig, values: Mapping[str, float]) -> dict[str, float]:
         """Numbers of the Jenkins element that it is without a play."""
         return {"critical_slip": values["limit"] / values["stiffness"]}
 

@@ -228,6 +228,10 @@ class AddedSpring(Cause):
         """Attach the spring."""
         return _attached(rig, springs=(*rig.attachments.springs, PointSpring(**values)))
 
+    def plainly(self, rig: Rig, values: Mapping[str, float]) -> dict[str, float]:
+        """Stiffness against rotation of the support, by the lever from there."""
+        return {"stiffness": values["stiffness"] * (beam_of(rig).length - values["position"]) ** 2}
+
 
 @dataclass(frozen=True)
 class AttachedResonator(Cause):
